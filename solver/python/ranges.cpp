@@ -6,7 +6,7 @@
 #include <asterism/solver/ranges/locate.hpp>
 #include <asterism/solver/ranges/path.hpp>
 #include <cmath>
-#include <limits>
+#include <optional>
 #include <vector>
 
 #include "bindings.hpp"
@@ -158,23 +158,32 @@ void bind_path(py::module_& m) {
       "The energy is that of locate_path, over a window of the last positions; older ones are marginalised. "
       "After every\n"
       "settle_every ranges, and after settle(), the estimate is at the minimum: see docs/locate.md.")
-      .def(py::init([](double shortest, const std::array<double, 3>& start,
-                       const std::array<double, 2>& start_sigma, int window, double cutoff, double turn_sigma,
-                       double step_sigma, int settle_every) {
-             const PathStreamOptions options{window,   cutoff, turn_sigma,  step_sigma,
-                                             shortest, start,  start_sigma, settle_every};
+      .def(py::init([](double shortest, const std::optional<std::array<double, 3>>& start,
+                       const std::optional<std::array<double, 2>>& start_sigma, int window,
+                       std::optional<double> cutoff, double turn_sigma, double step_sigma, int settle_every) {
+             PathStreamOptions options;
+             options.window = window;
+             if (cutoff) options.cutoff = *cutoff;
+             options.turn_sigma = turn_sigma;
+             options.step_sigma = step_sigma;
+             options.shortest = shortest;
+             if (start) options.start = *start;
+             if (start_sigma) options.start_sigma = *start_sigma;
+             options.settle_every = settle_every;
              if (const char* problem = options.problem()) throw py::value_error(problem);
              return PathStream(options);
            }),
-           py::kw_only(), py::arg("shortest"), py::arg("start") = std::array<double, 3>{},
-           py::arg("start_sigma") = std::array<double, 2>{1, 0.5}, py::arg("window") = 10'000,
-           py::arg("cutoff") = std::numeric_limits<double>::infinity(), py::arg("turn_sigma") = 0.003,
-           py::arg("step_sigma") = 0.1, py::arg("settle_every") = 100,
+           py::kw_only(), py::arg("shortest"), py::arg("start") = py::none(),
+           py::arg("start_sigma") = py::none(), py::arg("window").noconvert() = 10'000,
+           py::arg("cutoff") = py::none(), py::arg("turn_sigma") = 0.003, py::arg("step_sigma") = 0.1,
+           py::arg("settle_every").noconvert() = 100,
            "shortest, cutoff, turn_sigma, step_sigma: as locate_path's, which estimates turn_sigma from a "
-           "recording. start, start_sigma:\n"
-           "the first pose x, y [m], heading [rad], and standard deviations of place and heading. window: "
-           "positions that are kept at least,\n"
-           ">= 16. ValueError for numbers that are out of range.")
+           "recording.\n"
+           "start: x, y [m] and heading [rad] of the first pose; None: (0, 0, 0).\n"
+           "start_sigma: standard deviations of its place [m] and heading [rad]; None: (1, 0.5).\n"
+           "window: positions that are kept at least, >= 16; up to a tenth more are.\n"
+           "settle_every: ranges, >= 1.\n\n"
+           "ValueError for numbers that are out of range.")
       .def(
           "move",
           [](PathStream& stream, double x, double y, double turn) { checked(stream.move(x, y, turn)); },

@@ -246,7 +246,7 @@ class PathStreamTest(unittest.TestCase):
 
     def test_marginalised_positions_are_remembered(self):
         truth, steps, pose, beacon, ranges = drive(10, 600)
-        stream = asterism.PathStream(window=100, **{**self.OPTIONS, "cutoff": np.inf})
+        stream = asterism.PathStream(window=100, **{**self.OPTIONS, "cutoff": None})
         for k in range(601):
             if k > 0:
                 stream.move(*steps[k - 1])

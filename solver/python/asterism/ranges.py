@@ -168,15 +168,22 @@ def locate_path(
     linear in the number of poses.
 
     steps: (poses - 1, 3): how far the robot moves from each pose to the next, in the frame of the former (x forward, y to the left) [m], and
-    by how much it turns [rad]. beacons: (M, 2) [m]; NaN where the place is unknown. pose: (R,) at which pose each range was measured; 3.25 is
-    a quarter of the way from pose 3 to pose 4. With times (poses,), which rise, these are the times of the ranges. beacon: (R,) to which
-    beacon. ranges: (R,), >= 0 [m]; NaN, or masked, where nothing was heard. sigma: their standard deviation, a number or (R,), > 0 [m].
-
-    cutoff: the energy of a range never exceeds cutoff^2 / 2 (Geman and McClure's loss); None: least squares. turn_sigma: the standard
-    deviation of a step's difference from the turned step before, relative to its length; None: estimated, as what makes the evidence largest.
-    step_sigma: that of a step's length, relative to it. shortest: steps are joined until they are so long [m]; None: half of the median step.
-    start: x, y [m] and heading [rad] of the first pose: where the search starts, and the frame of the result where beacons do not determine
-    it. start_sigma: standard deviations of the first position and heading; None: the start has no energy.
+    by how much it turns [rad].
+    beacons: (M, 2) [m]; NaN where the place is unknown.
+    pose: (R,) at which pose each range was measured; 3.25 is a quarter of the way from pose 3 to pose 4. With times, the time of each range.
+    beacon: (R,) to which beacon.
+    ranges: (R,), >= 0 [m]; NaN, or masked, where nothing was heard.
+    sigma: their standard deviation, a number or (R,), > 0 [m].
+    times: (poses,) of the poses, which rise.
+    cutoff: the energy of a range never exceeds cutoff^2 / 2 (Geman and McClure's loss); None: least squares.
+    turn_sigma: the standard deviation of a step's difference from the turned step before, relative to its length; None: estimated, as what
+    makes the evidence largest.
+    step_sigma: that of a step's length, relative to it.
+    shortest: steps are joined until they are so long [m]; None: half of the median step.
+    start: x, y [m] and heading [rad] of the first pose: where the search starts, and the frame of the result where beacons do not determine it.
+    start_sigma: standard deviations of the first position [m] and heading [rad]; None: the start has no energy.
+    lower_bound: whether it is wanted; it takes most of the time.
+    max_iterations: of each descent.
 
     ValueError for bad input, which is named: shapes, numbers that are not finite, negative ranges, times that do not rise, a range at no pose
     or to no beacon, a robot that does not move, unknown beacons with fewer than two ranges, and measurements that do not determine the path.
