@@ -184,7 +184,9 @@ TEST(PathStream, IsTheBatch) {
     most = std::max(most, stream.positions().size() / 2);
     const std::array<double, 3> pose = stream.pose();
     EXPECT_LT(std::hypot(pose[0] - drive.truth[2 * k], pose[1] - drive.truth[2 * k + 1]), 1.0) << k;
-    if (k > 0 && k % 50 == 0) EXPECT_LT(distance(stream.positions(), stream.batch()), 1e-9) << k;
+    if (k > 0 && k % 50 == 0) {
+      EXPECT_LT(distance(stream.positions(), stream.batch()), 1e-9) << k;
+    }
   }
   EXPECT_LE(most, 66u);
   const std::array<double, 4> covariance = stream.covariance();
