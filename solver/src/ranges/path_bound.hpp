@@ -41,12 +41,13 @@ class PathBound {
     best = std::max(best, bound_at(quadratic_));
     if (best >= enough) return std::min(best, energy);
     lift();
-    for (int round = 0; round < 6 && best < enough; ++round) {
+    double last = -std::numeric_limits<double>::infinity();
+    for (int round = 0; round < 5 && best < enough; ++round) {
       const bool is_minimum = descent_.run(lifted_, 0, 8);
       const double bound = bound_at(lifted_);
-      const bool gains = bound > best + 0.01 * energy;
       best = std::max(best, bound);
-      if (is_minimum || (round > 1 && !gains)) break;
+      if (is_minimum || (round > 1 && bound < last + 0.01 * energy)) break;
+      last = bound;
     }
     return std::min(best, energy);
   }
@@ -60,7 +61,7 @@ class PathBound {
     for (std::size_t k = 0; k + 1 < chain.nodes(); ++k)
       lengths_.push_back((chain.x[k + 1] - chain.x[k]).norm());
     for (const PathRange& range : terms_.ranges) lengths_.push_back(chain.difference(range).norm());
-    double low = 1e-10, high = 0, best = 0;
+    double low = 1e-10, high = 0, best = -std::numeric_limits<double>::infinity();
     for (double shift = 1e-9; shift < 0.1; shift *= 10) {
       const double bound = bound_with(shift);
       if (!std::isnan(bound)) {
@@ -121,13 +122,14 @@ class PathBound {
     return std::isfinite(sum) ? sum : std::numeric_limits<double>::quiet_NaN();
   }
 
-  /// The path with a second complex coordinate, a little off.
+  /// The path with a second complex coordinate.
   void lift() {
     lifted_.x.clear();
     lifted_.beacons.clear();
     lifted_.held = weights_.data();
-    double size = 0;
-    for (const double l : terms_.length) size = std::max(size, l);
+    double size = 0;  // half the mean range; less than a fifth of it is too little
+    for (const PathRange& range : terms_.ranges)
+      size += range.length / 2 / static_cast<double>(terms_.ranges.size());
     const auto raised = [&](const PathChain<2>::Point& p, std::size_t i) {
       PathChain<4>::Point q;
       const double t = static_cast<double>(i);
