@@ -171,7 +171,7 @@ void peer(const Recording& of, bool known, bool robust) {
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
   const double seconds = cpu_seconds() - start;
-  std::printf("  %-44s %8.3f m %8.3f s  %d iterations\n",
+  std::printf("  %-30s %8.3f m %8.3f s  %d iterations\n",
               robust ? "Ceres, poses, Cauchy's loss" : "Ceres, poses", error_of(x, 3, of, !known), seconds,
               static_cast<int>(summary.iterations.size()));
 }
@@ -190,8 +190,9 @@ void ours(const Recording& of, bool known, double cutoff, bool bound) {
     std::printf("  locate_path: %s\n", std::string(std::string_view(path.message)).c_str());
     return;
   }
-  std::printf("  locate_path%s%-24s %8.3f m %8.3f s  turn_sigma %.5f, energy ",
-              bound ? ", bound   " : "            ", cutoff < kInfinity ? ", cutoff 2" : "",
+  const std::string name =
+      std::string("locate_path") + (cutoff < kInfinity ? ", cutoff 2" : "") + (bound ? ", bound" : "");
+  std::printf("  %-30s %8.3f m %8.3f s  turn_sigma %.5f, energy ", name.c_str(),
               error_of(path.x, 2, of, !known), seconds, path.turn_sigma);
   if (bound)
     std::printf("in [%.1f, %.1f]\n", path.lower_bound, path.energy);
