@@ -120,7 +120,7 @@ TEST(LocatePath, ExactMeasurementsGiveTheTruePath) {
   EXPECT_LT(path.energy, 1e-9);
   // Two beacons whose places are not known.
   const std::vector<double> places = drive.beacons;
-  for (const std::size_t i : {2, 3, 6, 7}) drive.beacons[i] = kNan;
+  for (const std::size_t i : {2u, 3u, 6u, 7u}) drive.beacons[i] = kNan;
   path = locate_path(drive.measurements(), options);
   ASSERT_EQ(path.status, Status::Converged) << text(path);
   EXPECT_LT(distance(path.x, drive.truth), 1e-6);
