@@ -154,31 +154,9 @@ class PathChain {
 
   /// Gradient and curvature at x: the columns from `first` on; those before are then of no use.
   void assemble(Curvature curvature, double bound, std::size_t first = 0) {
-    const std::size_t n = nodes(), m = beacons.size();
-    resize();
-    for (std::size_t k = first; k < n; ++k) {
-      diagonal_[k].setZero();
-      next_[k].setZero();
-      second_[k].setZero();
-      gradient[k].setZero();
-    }
-    if (m > 0) {
-      border_.setZero();
-      corner_.setZero();
-      beacon_gradient.setZero();
-    }
-    for (std::size_t k = first < 2 ? 0 : first - 2; k + 2 < n; ++k) {
-      const double w = terms_.chain_weight(k);
-      const Complex q = terms_.turn[k], c[3] = {q, -1.0 - q, 1.0};
-      const Point r = w * chain_residual(k);
-      for (std::size_t i = 0; i < 3; ++i) {
-        gradient[k + i] += times(std::conj(c[i]), r);
-        add(diagonal_[k + i], w * std::norm(c[i]));
-      }
-      add(next_[k], w * std::conj(c[1]) * c[0]);
-      add(next_[k + 1], w * c[1]);
-      add(second_[k], w * c[0]);
-    }
+    const std::size_t n = nodes();
+    clear(first);
+    assemble_chain(first);
     for (std::size_t k = first < 1 ? 0 : first - 1; k + 1 < n; ++k) {
       const double w = terms_.step_weight(k);
       const Point y = x[k + 1] - x[k];
@@ -256,31 +234,9 @@ class PathChain {
 
   /// For the lower bound: the quadratic function in which each step and range counts weight / 2 |y|^2.
   void assemble_quadratic(const std::vector<double>& steps, const std::vector<double>& of_ranges) {
-    const std::size_t n = nodes(), m = beacons.size();
-    resize();
-    for (std::size_t k = 0; k < n; ++k) {
-      diagonal_[k].setZero();
-      next_[k].setZero();
-      second_[k].setZero();
-      gradient[k].setZero();
-    }
-    if (m > 0) {
-      border_.setZero();
-      corner_.setZero();
-      beacon_gradient.setZero();
-    }
-    for (std::size_t k = 0; k + 2 < n; ++k) {
-      const double w = terms_.chain_weight(k);
-      const Complex q = terms_.turn[k], c[3] = {q, -1.0 - q, 1.0};
-      const Point r = w * chain_residual(k);
-      for (std::size_t i = 0; i < 3; ++i) {
-        gradient[k + i] += times(std::conj(c[i]), r);
-        add(diagonal_[k + i], w * std::norm(c[i]));
-      }
-      add(next_[k], w * std::conj(c[1]) * c[0]);
-      add(next_[k + 1], w * c[1]);
-      add(second_[k], w * c[0]);
-    }
+    const std::size_t n = nodes();
+    clear(0);
+    assemble_chain(0);
     for (std::size_t k = 0; k + 1 < n; ++k) {
       const Point g = steps[k] * (x[k + 1] - x[k]);
       gradient[k] -= g;
@@ -563,6 +519,36 @@ class PathChain {
   static Block inverse_of(const Block& l) {
     const Block root = divided(Block::Identity(), l);  // L^-T
     return root * root.transpose();
+  }
+
+  void clear(std::size_t first) {
+    resize();
+    for (std::size_t k = first; k < nodes(); ++k) {
+      diagonal_[k].setZero();
+      next_[k].setZero();
+      second_[k].setZero();
+      gradient[k].setZero();
+    }
+    if (beacons.empty()) return;
+    border_.setZero();
+    corner_.setZero();
+    beacon_gradient.setZero();
+  }
+
+  /// The differences of steps that reach column `first` or one after it.
+  void assemble_chain(std::size_t first) {
+    for (std::size_t k = first < 2 ? 0 : first - 2; k + 2 < nodes(); ++k) {
+      const double w = terms_.chain_weight(k);
+      const Complex q = terms_.turn[k], c[3] = {q, -1.0 - q, 1.0};
+      const Point r = w * chain_residual(k);
+      for (std::size_t i = 0; i < 3; ++i) {
+        gradient[k + i] += times(std::conj(c[i]), r);
+        add(diagonal_[k + i], w * std::norm(c[i]));
+      }
+      add(next_[k], w * std::conj(c[1]) * c[0]);
+      add(next_[k + 1], w * c[1]);
+      add(second_[k], w * c[0]);
+    }
   }
 
   void resize() {
