@@ -1,8 +1,12 @@
 // Positions from ranges.
 
+#include <pybind11/stl.h>
+
 #include <algorithm>
 #include <asterism/solver/ranges/locate.hpp>
+#include <asterism/solver/ranges/path.hpp>
 #include <cmath>
+#include <optional>
 #include <vector>
 
 #include "bindings.hpp"
@@ -83,9 +87,142 @@ py::tuple locate_all(const RangeBatch& batch, const LocateOptions& options, int 
                         array_of(weight, {all}));
 }
 
+/// What asterism.locate_path finds.
+py::dict path(const py::array_t<double>& steps, const py::array_t<double>& beacons,
+              const py::array_t<double>& pose, const py::array_t<int>& beacon,
+              const py::array_t<double>& range, const py::array_t<double>& sigma,
+              const PathOptions& options) {
+  PathEstimate found;
+  {
+    const std::span<const int> to{beacon.data(), static_cast<std::size_t>(beacon.size())};
+    const PathMeasurements measurements{span(steps), span(beacons), span(pose), to, span(range), span(sigma)};
+    const py::gil_scoped_release release;
+    found = locate_path(measurements, options);
+  }
+  const std::string text(std::string_view{found.message});
+  if (found.status == Status::InvalidInput || found.status == Status::NumericalFailure)
+    throw py::value_error(text);
+  const auto poses = static_cast<py::ssize_t>(found.heading.size()), count = beacons.shape(0);
+  py::dict result;
+  result["x"] = array_of(found.x, {poses, 2});
+  result["heading"] = array_of(found.heading, {poses});
+  result["covariance"] = array_of(found.covariance, {poses, 2, 2});
+  result["beacons"] = array_of(found.beacons, {count, 2});
+  result["beacon_covariance"] = array_of(found.beacon_covariance, {count, 2, 2});
+  result["residuals"] = array_of(found.residuals, {static_cast<py::ssize_t>(found.residuals.size())});
+  result["energy"] = found.energy;
+  result["lower_bound"] = found.lower_bound;
+  result["evidence"] = found.evidence;
+  result["turn_sigma"] = found.turn_sigma;
+  result["converged"] = found.status == Status::Converged;
+  result["message"] = text;
+  return result;
+}
+
+void checked(const Message& message) {
+  if (!message.empty()) throw py::value_error(std::string(std::string_view{message}));
+}
+
+py::array_t<double> positions_of(const std::vector<double>& values) {
+  return array_of(values, {static_cast<py::ssize_t>(values.size() / 2), 2});
+}
+
+void bind_path(py::module_& m) {
+  m.def(
+      "_locate_path",
+      [](const py::array_t<double>& steps, const py::array_t<double>& beacons,
+         const py::array_t<double>& pose, const py::array_t<int>& beacon, const py::array_t<double>& range,
+         const py::array_t<double>& sigma, double cutoff, double turn_sigma, double step_sigma,
+         double shortest, const std::array<double, 3>& start, const std::array<double, 2>& start_sigma,
+         bool lower_bound, int max_iterations) {
+        PathOptions options;
+        options.cutoff = cutoff;
+        options.turn_sigma = turn_sigma;
+        options.step_sigma = step_sigma;
+        options.shortest = shortest;
+        options.start = start;
+        options.start_sigma = start_sigma;
+        options.lower_bound = lower_bound;
+        options.max_iterations = max_iterations;
+        return path(steps, beacons, pose, beacon, range, sigma, options);
+      },
+      py::arg("steps"), py::arg("beacons"), py::arg("pose"), py::arg("beacon"), py::arg("range"),
+      py::arg("sigma"), py::arg("cutoff"), py::arg("turn_sigma"), py::arg("step_sigma"), py::arg("shortest"),
+      py::arg("start"), py::arg("start_sigma"), py::arg("lower_bound"), py::arg("max_iterations").noconvert(),
+      "What asterism.locate_path finds, for arrays of float64 in C order.");
+
+  py::class_<PathStream>(
+      m, "PathStream",
+      "The path of a robot in the plane as odometry and ranges to known beacons come in, in constant "
+      "memory.\n\n"
+      "The energy is that of locate_path, over a window of the last positions; older ones are marginalised. "
+      "After every\n"
+      "settle_every ranges, and after settle(), the estimate is at the minimum: see docs/locate.md.")
+      .def(py::init([](double shortest, const std::optional<std::array<double, 3>>& start,
+                       const std::optional<std::array<double, 2>>& start_sigma, int window,
+                       std::optional<double> cutoff, double turn_sigma, double step_sigma, int settle_every) {
+             PathStreamOptions options;
+             options.window = window;
+             if (cutoff) options.cutoff = *cutoff;
+             options.turn_sigma = turn_sigma;
+             options.step_sigma = step_sigma;
+             options.shortest = shortest;
+             if (start) options.start = *start;
+             if (start_sigma) options.start_sigma = *start_sigma;
+             options.settle_every = settle_every;
+             if (const char* problem = options.problem()) throw py::value_error(problem);
+             return PathStream(options);
+           }),
+           py::kw_only(), py::arg("shortest"), py::arg("start") = py::none(),
+           py::arg("start_sigma") = py::none(), py::arg("window").noconvert() = 10'000,
+           py::arg("cutoff") = py::none(), py::arg("turn_sigma") = 0.003, py::arg("step_sigma") = 0.1,
+           py::arg("settle_every").noconvert() = 100,
+           "shortest, cutoff, turn_sigma, step_sigma: as locate_path's, which estimates turn_sigma from a "
+           "recording.\n"
+           "start: x, y [m] and heading [rad] of the first pose; None: (0, 0, 0).\n"
+           "start_sigma: standard deviations of its place [m] and heading [rad]; None: (1, 0.5).\n"
+           "window: positions that are kept at least, >= 16; up to a tenth more are.\n"
+           "settle_every: ranges, >= 1.\n\n"
+           "ValueError for numbers that are out of range.")
+      .def(
+          "move",
+          [](PathStream& stream, double x, double y, double turn) { checked(stream.move(x, y, turn)); },
+          py::arg("x"), py::arg("y"), py::arg("turn"),
+          "The robot moves by (x, y) in its own frame [m] and then turns [rad]. ValueError for numbers that "
+          "are not finite.")
+      .def(
+          "range",
+          [](PathStream& stream, const std::array<double, 2>& beacon, double range, double sigma) {
+            checked(stream.range(beacon[0], beacon[1], range, sigma));
+          },
+          py::arg("beacon"), py::arg("range"), py::arg("sigma"),
+          "A range to the beacon at (x, y), and its standard deviation [m]; NaN if nothing was heard. "
+          "ValueError, and nothing changes,\n"
+          "for a negative range, a sigma that is not > 0, or numbers that are not finite.")
+      .def("settle", &PathStream::settle, "Goes to the minimum.")
+      .def(
+          "batch", [](const PathStream& stream) { return positions_of(stream.batch()); },
+          "The window's positions (N, 2) at the minimum of the same energy, by locate_path's descent over "
+          "the whole window: what\n"
+          "`positions` has to be after settle().")
+      .def_property_readonly("pose", &PathStream::pose, "Where the robot is now: x, y [m] and heading [rad].")
+      .def_property_readonly(
+          "covariance",
+          [](PathStream& stream) {
+            const std::array<double, 4> s = stream.covariance();
+            return array_of({s.begin(), s.end()}, {2, 2});
+          },
+          "The covariance (2, 2) of x and y [m^2]; infinite before the robot has moved by `shortest`.")
+      .def_property_readonly(
+          "positions", [](const PathStream& stream) { return positions_of(stream.positions()); },
+          "The window's positions (N, 2) [m].")
+      .def_property_readonly("energy", &PathStream::energy, "The window's energy.");
+}
+
 }  // namespace
 
 void bind_ranges(py::module_& m) {
+  bind_path(m);
   m.def(
       "_locate",
       [](const py::array_t<double>& beacons, const py::array_t<double>& ranges,

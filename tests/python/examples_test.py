@@ -41,6 +41,10 @@ class ExamplesTest(unittest.TestCase):
     def test_locate(self):
         self.assertIn("proven; the beacons lie in one plane", self.run_example("locate.py"))
 
+    def test_locate_path(self):
+        page = (PROJECT / "docs/locate.md").read_text()
+        self.assertIn(f"```text\n{self.run_example('locate_path.py')}```", page)
+
     def test_path_from_ranges(self):
         rng = np.random.default_rng(1)
         beacons = np.array([[20, 5], [-15, 10], [0, -20]])
@@ -59,9 +63,10 @@ class ExamplesTest(unittest.TestCase):
         file.write_text("\n".join(lines) + "\n")
         out = self.run_example("path_from_ranges.py", file)
         before = float(re.search(r"dead reckoning: (\S+) m", out)[1])
-        after = float(re.search(r"chosen: .*error (\S+) m", out)[1])
         self.assertGreater(before, 3, out)
-        self.assertLess(after, 0.2, out)
+        for known in ("known", "unknown"):
+            self.assertLess(float(re.search(f"beacons {known}: error (\\S+) m", out)[1]), 0.2, out)
+        self.assertIn("skipped: there is no", self.run_example("path_from_ranges.py", self.folder / "missing.pyfg"))
         for last, message in (
             ("EDGE_RANGE 1 A0 L0 x 1", "expected the numbers of EDGE_RANGE"),
             ("VERTEX_SE2", "expected the numbers of VERTEX_SE2"),

@@ -1,4 +1,4 @@
-"""Positions from ranges to known beacons."""
+"""Positions, and paths, from ranges to beacons."""
 
 from __future__ import annotations
 
@@ -110,3 +110,122 @@ def locate(
     if is_batch:
         return PositionFix(x, covariance, energy, proven, outliers, texts, everything, True)
     return PositionFix(x[0], covariance[0], float(energy[0]), bool(proven[0]), outliers[0], texts[0], everything, False)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PathEstimate:
+    """The path that locate_path finds: a local minimum of its energy."""
+
+    #: (poses, 2) [m].
+    x: _Floats
+    #: (poses,) in (-pi, pi] [rad].
+    heading: _Floats
+    #: (poses, 2, 2), by Laplace's approximation [m^2].
+    covariance: _Floats
+    #: (M, 2): the known ones as they were given [m].
+    beacons: _Floats
+    #: (M, 2, 2): zero for known ones [m^2].
+    beacon_covariance: _Floats
+    #: (R,) distance - range, in units of sigma; NaN where nothing was heard.
+    residuals: _Floats
+    #: (R,): which residuals are as large as the cutoff or larger.
+    outliers: npt.NDArray[np.bool_]
+    #: At the minimum.
+    energy: float
+    #: No path has a lower energy; with a cutoff, of the energy in which every range keeps the weight that it has at the minimum.
+    lower_bound: float
+    #: The logarithm of the evidence for turn_sigma, by Laplace's approximation, up to a constant.
+    evidence: float
+    #: As it was given or estimated.
+    turn_sigma: float
+    #: Whether the descent has ended at a stationary point.
+    converged: bool
+    #: What the beacons do not determine; "" if there is nothing to say.
+    message: str
+
+
+def locate_path(
+    steps: npt.ArrayLike,
+    beacons: npt.ArrayLike,
+    pose: npt.ArrayLike,
+    beacon: npt.ArrayLike,
+    ranges: npt.ArrayLike,
+    sigma: npt.ArrayLike,
+    *,
+    times: npt.ArrayLike | None = None,
+    cutoff: float | None = None,
+    turn_sigma: float | None = None,
+    step_sigma: float = 0.1,
+    shortest: float | None = None,
+    start: npt.ArrayLike | None = None,
+    start_sigma: npt.ArrayLike | None = None,
+    lower_bound: bool = True,
+    max_iterations: int = 200,
+) -> PathEstimate:
+    """The path of a robot in the plane from its odometry and from ranges to beacons, known or unknown: see docs/locate.md.
+
+    Positions are a chain in which each step is the step before, turned by the odometry; headings are not among the unknowns. It takes time
+    linear in the number of poses.
+
+    steps: (poses - 1, 3): how far the robot moves from each pose to the next, in the frame of the former (x forward, y to the left) [m], and
+    by how much it turns [rad].
+    beacons: (M, 2) [m]; NaN where the place is unknown.
+    pose: (R,) at which pose each range was measured; 3.25 is a quarter of the way from pose 3 to pose 4. With times, the time of each range.
+    beacon: (R,) to which beacon.
+    ranges: (R,), >= 0 [m]; NaN, or masked, where nothing was heard.
+    sigma: their standard deviation, a number or (R,), > 0 [m].
+    times: (poses,) of the poses, which rise.
+    cutoff: the energy of a range never exceeds cutoff^2 / 2 (Geman and McClure's loss); None: least squares.
+    turn_sigma: the standard deviation of a step's difference from the turned step before, relative to its length; None: estimated, as what
+    makes the evidence largest.
+    step_sigma: that of a step's length, relative to it.
+    shortest: steps are joined until they are so long [m]; None: half of the median step.
+    start: x, y [m] and heading [rad] of the first pose: where the search starts, and the frame of the result where beacons do not determine it.
+    start_sigma: standard deviations of the first position [m] and heading [rad]; None: the start has no energy.
+    lower_bound: whether it is wanted; it takes most of the time.
+    max_iterations: of each descent.
+
+    ValueError for bad input, which is named: shapes, numbers that are not finite, negative ranges, times that do not rise, a range at no pose
+    or to no beacon, a robot that does not move, unknown beacons with fewer than two ranges, and measurements that do not determine the path.
+    """
+    odometry = inputs.numbers(steps, "steps")
+    if odometry.ndim != 2 or odometry.shape[1] != 3:
+        raise ValueError(f"steps: expected shape (poses - 1, 3), found {odometry.shape}")
+    places = inputs.numbers(beacons, "beacons", missing=np.nan)
+    if places.ndim != 2 or places.shape[1] != 2:
+        raise ValueError(f"beacons: expected shape (M, 2), found {places.shape}")
+    lengths = inputs.numbers(ranges, "ranges", missing=np.nan)
+    if lengths.ndim != 1:
+        raise ValueError(f"ranges: expected shape (R,), found {lengths.shape}")
+    at = inputs.numbers(pose, "pose", lengths.shape)
+    to = inputs.numbers(beacon, "beacon", lengths.shape)
+    index = to.astype(np.int32) if np.all(np.abs(to) < 2**31) else None
+    if index is None or np.any(index != to):
+        raise ValueError("beacon: expected whole numbers")
+    deviations = inputs.numbers(sigma, "sigma")
+    if deviations.shape not in ((), lengths.shape):
+        raise ValueError(f"sigma: expected a number or shape {lengths.shape}, found {deviations.shape}")
+    deviations = np.ascontiguousarray(np.broadcast_to(deviations, lengths.shape))
+    if times is not None:
+        clock = inputs.numbers(times, "times", (len(odometry) + 1,))
+        if not (np.all(np.isfinite(clock)) and np.all(np.diff(clock) > 0)):
+            raise ValueError("times: expected finite numbers that rise")
+        if not np.all((at >= clock[0]) & (at <= clock[-1])):
+            first = int(np.flatnonzero(~((at >= clock[0]) & (at <= clock[-1])))[0])
+            raise ValueError(f"pose: range {first} was measured before the first or after the last of the times")
+        at = np.interp(at, clock, np.arange(len(clock), dtype=float))
+    first_pose = inputs.numbers([np.nan] * 3 if start is None else start, "start", (3,))
+    if start is not None and not np.all(np.isfinite(first_pose)):
+        raise ValueError("start: expected finite numbers")
+    spread = inputs.numbers([np.inf] * 2 if start_sigma is None else start_sigma, "start_sigma", (2,))
+    for name, value in (("turn_sigma", turn_sigma), ("shortest", shortest)):
+        if value is not None and not value > 0:
+            raise ValueError(f"{name} has to be a finite number > 0")
+    limit = np.inf if cutoff is None else cutoff
+    found = _asterism._locate_path(
+        odometry, places, at, index, lengths, deviations, limit, turn_sigma or 0.0, step_sigma, shortest or 0.0, list(first_pose),
+        list(spread), lower_bound, max_iterations,
+    )
+    with np.errstate(invalid="ignore"):
+        outliers = np.abs(found["residuals"]) >= limit
+    return PathEstimate(outliers=outliers, **found)

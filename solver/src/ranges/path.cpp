@@ -1,0 +1,497 @@
+#include <algorithm>
+#include <asterism/solver/ranges/locate.hpp>
+#include <asterism/solver/ranges/path.hpp>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+#include <utility>
+
+#include "path_bound.hpp"
+#include "path_chain.hpp"
+#include "path_descent.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+const char* PathOptions::problem() const {
+  const auto sigma = [](double s) { return s > 0 && !std::isnan(s); };
+  if (!(cutoff > 0)) return "cutoff has to be > 0";
+  if (!(turn_sigma >= 0 && std::isfinite(turn_sigma))) return "turn_sigma has to be a finite number >= 0";
+  if (!(step_sigma > 0 && std::isfinite(step_sigma))) return "step_sigma has to be a finite number > 0";
+  if (!(shortest >= 0 && std::isfinite(shortest))) return "shortest has to be a finite number >= 0";
+  if (!sigma(start_sigma[0]) || !sigma(start_sigma[1])) return "start_sigma has to be > 0";
+  const auto nans = std::count_if(start.begin(), start.end(), [](double s) { return std::isnan(s); });
+  if (nans != 0 && nans != 3) return "start has to be x, y and heading, or nothing";
+  if (nans == 0 && !std::all_of(start.begin(), start.end(), [](double s) { return std::isfinite(s); }))
+    return "start has to be finite";
+  if (nans == 3 && (std::isfinite(start_sigma[0]) || std::isfinite(start_sigma[1])))
+    return "start_sigma needs a start";
+  if (max_iterations < 1) return "max_iterations has to be >= 1";
+  return nullptr;
+}
+
+namespace {
+
+using ranges::Complex;
+using ranges::PathChain;
+using ranges::PathRange;
+using ranges::PathTerms;
+using Point = PathChain<2>::Point;
+using Block = PathChain<2>::Block;
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+Complex complex_of(const Point& p) { return {p[0], p[1]}; }
+
+class PathSolver {
+ public:
+  PathSolver(const PathMeasurements& given, const PathOptions& options)
+      : given_(given), options_(options), chain_(terms_) {}
+
+  PathEstimate run() {
+    result_.status = Status::InvalidInput;
+    if (!(read() && join())) return std::move(result_);
+    attach();
+    if (!determined()) return std::move(result_);
+    grow();
+    if (result_.status == Status::NotRun) finish();
+    return std::move(result_);
+  }
+
+ private:
+  static std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+  bool wrong(const char* what, std::size_t index, const char* problem) {
+    result_.message.assign(what).append(" ").append(static_cast<int>(index)).append(" ").append(problem);
+    return false;
+  }
+  bool wrong(const char* problem) {
+    result_.message.assign(problem);
+    return false;
+  }
+
+  bool read() {
+    if (const char* problem = options_.problem()) return wrong(problem);
+    const std::size_t count = given_.range.size();
+    if (given_.steps.size() % 3 != 0) return wrong("steps have to be triples of numbers");
+    if (given_.beacons.size() % 2 != 0) return wrong("beacons have to be pairs of numbers");
+    if (given_.pose.size() != count || given_.beacon.size() != count || given_.sigma.size() != count)
+      return wrong("pose, beacon, range and sigma have to be of the same length");
+    steps_ = given_.steps.size() / 3;
+    beacons_ = given_.beacons.size() / 2;
+    if (steps_ == 0) return wrong("a path needs at least one step");
+    for (std::size_t i = 0; i < given_.steps.size(); ++i)
+      if (!(std::abs(given_.steps[i]) <= kLargest))
+        return wrong("step", i / 3, "has a number that is not finite, or too large");
+    for (std::size_t j = 0; j < beacons_; ++j) {
+      const double x = given_.beacons[2 * j], y = given_.beacons[2 * j + 1];
+      if (std::isnan(x) && std::isnan(y)) continue;
+      if (!(std::abs(x) <= kLargest && std::abs(y) <= kLargest))
+        return wrong("beacon", j, "has a coordinate that is not finite, or too large");
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+      const double r = given_.range[i], s = given_.sigma[i], pose = given_.pose[i];
+      if (given_.beacon[i] < 0 || at(given_.beacon[i]) >= beacons_)
+        return wrong("range", i, "is to a beacon that does not exist");
+      if (!(pose >= 0 && pose <= static_cast<double>(steps_)))
+        return wrong("range", i, "is from a pose that does not exist");
+      if (std::isnan(r)) continue;
+      if (!(r >= 0)) return wrong("range", i, "is negative");
+      if (!(r <= kLargest)) return wrong("range", i, "is too large or infinite");
+      if (!(s > 1 / kLargest && s <= kLargest)) return wrong("sigma", i, "is not a finite number > 0");
+    }
+    return true;
+  }
+
+  /// Dead reckoning, and which poses are nodes.
+  bool join() {
+    reckoned_.resize(steps_ + 1);
+    turned_.resize(steps_ + 1);
+    std::vector<double> lengths;
+    for (std::size_t k = 0; k < steps_; ++k) {
+      const double* s = &given_.steps[3 * k];
+      reckoned_[k + 1] = reckoned_[k] + std::polar(1.0, turned_[k]) * Complex(s[0], s[1]);
+      turned_[k + 1] = std::remainder(turned_[k] + s[2], 2 * std::numbers::pi);
+      const double length = std::hypot(s[0], s[1]);
+      if (length > 0) lengths.push_back(length);
+    }
+    double shortest = options_.shortest;
+    if (shortest == 0 && !lengths.empty()) {
+      const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
+      std::nth_element(lengths.begin(), middle, lengths.end());
+      shortest = *middle / 2;
+    }
+    nodes_ = {0};
+    for (std::size_t k = 1; k <= steps_ && shortest > 0; ++k)
+      if (std::abs(reckoned_[k] - reckoned_[nodes_.back()]) >= shortest) nodes_.push_back(k);
+    if (nodes_.size() < 2)
+      return wrong("the robot does not move: a path needs two positions, a single one is found by locate");
+    for (std::size_t o = 0; o + 1 < nodes_.size(); ++o) {
+      moves_.push_back(reckoned_[nodes_[o + 1]] - reckoned_[nodes_[o]]);
+      terms_.length.push_back(std::abs(moves_[o]));
+      if (o > 0) terms_.turn.push_back(moves_[o] / moves_[o - 1]);
+    }
+    return true;
+  }
+
+  /// Pose p (possibly between two) as a node and a complex number.
+  std::pair<std::size_t, Complex> on_chain(double pose) const {
+    const auto whole = std::min(static_cast<std::size_t>(pose), steps_);
+    Complex place = reckoned_[whole];
+    const double part = pose - static_cast<double>(whole);
+    if (part > 0) place += part * (reckoned_[whole + 1] - reckoned_[whole]);
+    const auto after = std::upper_bound(nodes_.begin(), nodes_.end(), whole);
+    const auto o = std::min(static_cast<std::size_t>(after - nodes_.begin()) - 1, nodes_.size() - 2);
+    if (part == 0 && nodes_[o] == whole) return {o, 0.0};
+    if (part == 0 && nodes_[o + 1] == whole) return {o, 1.0};
+    return {o, (place - reckoned_[nodes_[o]]) / moves_[o]};
+  }
+
+  void attach() {
+    for (std::size_t i = 0; i < given_.range.size(); ++i) {
+      if (std::isnan(given_.range[i])) continue;
+      const auto [node, a] = on_chain(given_.pose[i]);
+      const double s = given_.sigma[i];
+      terms_.ranges.push_back({static_cast<int>(node), -1, a, known_place(at(given_.beacon[i])),
+                               given_.range[i], 1 / (s * s), static_cast<int>(i)});
+    }
+    std::stable_sort(terms_.ranges.begin(), terms_.ranges.end(),
+                     [](const PathRange& a, const PathRange& b) { return a.node < b.node; });
+    // Those to beacons that have no place yet count nothing.
+    for (PathRange& range : terms_.ranges)
+      if (!is_known(beacon_of(range))) range.information = 0;
+    unknown_.assign(beacons_, -1);
+  }
+  std::size_t beacon_of(const PathRange& range) const { return at(given_.beacon[at(range.index)]); }
+  bool is_known(std::size_t j) const { return !std::isnan(given_.beacons[2 * j]); }
+  Complex known_place(std::size_t j) const {
+    return is_known(j) ? Complex(given_.beacons[2 * j], given_.beacons[2 * j + 1]) : Complex(0);
+  }
+
+  /// What the known beacons determine, and whether unknown ones have ranges enough.
+  bool determined() {
+    std::vector<int> count(beacons_, 0);
+    for (const PathRange& range : terms_.ranges) ++count[beacon_of(range)];
+    std::vector<Complex> places;
+    for (std::size_t j = 0; j < beacons_; ++j) {
+      if (count[j] == 0 && is_known(j)) continue;
+      if (!is_known(j)) {
+        if (count[j] < 2)
+          return wrong("beacon", j, "has no place and fewer than two ranges, which do not determine it");
+      } else if (std::find(places.begin(), places.end(), known_place(j)) == places.end()) {
+        places.push_back(known_place(j));
+      }
+    }
+    anchors_ = static_cast<int>(std::min<std::size_t>(places.size(), 2));
+    result_.status = Status::NotRun;
+    return true;
+  }
+
+  bool has_start() const { return !std::isnan(options_.start[0]); }
+
+  /// The terms of the first pose: the user's, or of a frame where nothing else determines it.
+  void set_start() {
+    const Complex place = has_start() ? Complex(options_.start[0], options_.start[1]) : Complex(0);
+    const double heading = has_start() ? options_.start[2] : 0;
+    // The first step is in the frame of the first pose.
+    const Complex first = std::polar(1.0, heading) * moves_[0];
+    const double length = std::abs(first);
+    terms_.start = place;
+    terms_.first_step = first;
+    if (std::isfinite(options_.start_sigma[0])) terms_.start_weight = std::pow(options_.start_sigma[0], -2);
+    if (std::isfinite(options_.start_sigma[1]))
+      terms_.heading_weight = std::pow(options_.start_sigma[1] * length, -2);
+    const double stiff = 1e8 / (length * length);
+    const bool held = anchors_ == 0 && terms_.start_weight == 0;
+    if (anchors_ < 2 && terms_.heading_weight == 0) {
+      const Eigen::Vector2d normal(-first.imag() / length, first.real() / length);
+      Eigen::Vector4d n;
+      n << -normal, normal;
+      terms_.prior.hessian += stiff * n * n.transpose();
+    }
+    if (held) terms_.prior.hessian.topLeftCorner<2, 2>() += stiff * Eigen::Matrix2d::Identity();
+    terms_.prior.place << place.real(), place.imag(), place.real() + first.real(),
+        place.imag() + first.imag();
+    if (anchors_ == 0) {
+      result_.message = "the beacons do not determine where the path is: it starts at `start`";
+    } else if (anchors_ == 1) {
+      result_.message =
+          "one known place does not determine the path's direction: it starts with that of `start`";
+    }
+  }
+
+  /// The first two nodes: where the user says, or where the ranges of the first stage fit best.
+  void begin(std::size_t stage) {
+    set_start();
+    const Complex place = terms_.start, first = terms_.first_step;
+    chain_.x = {PathChain<2>::of(place), PathChain<2>::of(place + first)};
+    if (has_start() || anchors_ == 0) return;
+    // With a given heading, ranges to beacons from a rigid path are ranges to beacons that are shifted.
+    std::vector<const PathRange*> used;
+    for (const PathRange& range : terms_.ranges)
+      if (at(range.node) + 1 < stage && is_known(beacon_of(range))) used.push_back(&range);
+    thin(used, 60);
+    const int headings = anchors_ == 1 ? 1 : 32;
+    std::vector<double> beacons(2 * used.size()), lengths, sigma;
+    for (const PathRange* range : used) {
+      lengths.push_back(range->length);
+      sigma.push_back(std::max(given_.sigma[at(range->index)], 0.02 * range->length));
+    }
+    LocateOptions options;
+    options.max_cells = 2000;
+    double best = kInfinity;
+    std::vector<Point> start = chain_.x;
+    for (int h = 0; h < headings; ++h) {
+      const Complex turn = std::polar(1.0, 2 * std::numbers::pi * h / headings);
+      for (std::size_t i = 0; i < used.size(); ++i) {
+        const Complex shifted = used[i]->place - turn * place_on(*used[i]);
+        beacons[2 * i] = shifted.real();
+        beacons[2 * i + 1] = shifted.imag();
+      }
+      const PositionFix<2> fix = locate<2>(beacons, lengths, sigma, options);
+      for (int m = 0; m < fix.count; ++m) {
+        const Complex to(fix.minima[at(m)].x[0], fix.minima[at(m)].x[1]);
+        double energy = 0;
+        for (std::size_t i = 0; i < used.size(); ++i) {
+          const double e = std::abs(to - Complex(beacons[2 * i], beacons[2 * i + 1])) - lengths[i];
+          energy += ranges::range_energy(e, 1 / (sigma[i] * sigma[i]), options_.cutoff * options_.cutoff);
+        }
+        if (energy < best) {
+          best = energy;
+          start = {PathChain<2>::of(to), PathChain<2>::of(to + turn * first)};
+        }
+      }
+    }
+    chain_.x = start;
+  }
+  /// By dead reckoning from the origin.
+  Complex place_on(const PathRange& range) const {
+    const auto o = at(range.node);
+    return reckoned_[nodes_[o]] + range.at * moves_[o];
+  }
+  template <typename T>
+  static void thin(std::vector<T>& list, std::size_t most) {
+    if (list.size() <= most) return;
+    for (std::size_t i = 0; i < most; ++i) list[i] = list[i * list.size() / most];
+    list.resize(most);
+  }
+
+  /// Gives places to beacons that have none, from the path as it is.
+  void place_beacons(bool is_last) {
+    const std::size_t count = chain_.range_count();
+    for (std::size_t j = 0; j < beacons_; ++j) {
+      if (is_known(j) || unknown_[j] >= 0) continue;
+      std::vector<std::size_t> used;
+      for (std::size_t i = 0; i < count; ++i)
+        if (beacon_of(terms_.ranges[i]) == j) used.push_back(i);
+      if (used.size() < (is_last ? 2 : 8)) continue;
+      thin(used, 60);
+      std::vector<double> places, lengths, sigma;
+      for (const std::size_t i : used) {
+        const PathRange& range = terms_.ranges[i];
+        const Complex p = complex_of(chain_.difference(range));  // from a beacon at the origin
+        places.insert(places.end(), {p.real(), p.imag()});
+        lengths.push_back(range.length);
+        sigma.push_back(std::max(given_.sigma[at(range.index)], 0.02 * range.length));
+      }
+      LocateOptions options;
+      options.max_cells = 2000;
+      const PositionFix<2> fix = locate<2>(places, lengths, sigma, options);
+      if (!is_last && (fix.count == 0 || (fix.count > 1 && fix.minima[1].weight > 0.02))) continue;
+      Point place = chain_.x[at(terms_.ranges[used[0]].node)];
+      if (fix.count > 0)
+        place << fix.minima[0].x[0], fix.minima[0].x[1];
+      else
+        place[0] += lengths[0];
+      unknown_[j] = static_cast<int>(chain_.beacons.size());
+      chain_.beacons.push_back(place);
+      for (PathRange& range : terms_.ranges) {
+        if (beacon_of(range) != j) continue;
+        range.beacon = unknown_[j];
+        range.information = std::pow(given_.sigma[at(range.index)], -2);
+      }
+    }
+  }
+
+  void extend(std::size_t nodes) {
+    while (chain_.x.size() < nodes) {
+      const std::size_t k = chain_.x.size();
+      chain_.x.push_back(chain_.x[k - 1] +
+                         PathChain<2>::times(terms_.turn[k - 2], chain_.x[k - 1] - chain_.x[k - 2]));
+    }
+  }
+
+  /// The path from its beginning, twice as long in each stage.
+  void grow() {
+    const std::size_t nodes = nodes_.size();
+    bound_ = options_.cutoff * options_.cutoff;
+    if (options_.turn_sigma > 0) terms_.turn_sigma = options_.turn_sigma;
+    terms_.step_sigma = options_.step_sigma;
+    // As long as it takes to hear something.
+    std::size_t stage = std::min<std::size_t>(nodes, 128);
+    if (terms_.ranges.size() > 24) stage = std::max(stage, at(terms_.ranges[24].node) + 2);
+    stage = std::min(stage, nodes);
+    begin(stage);
+    for (;;) {
+      const bool is_last = stage == nodes;
+      extend(stage);
+      place_beacons(is_last);
+      descent_.graduate(chain_, terms_, bound_);
+      converged_ = descent_.run(chain_, bound_, options_.max_iterations);
+      estimate_turn_sigma(is_last ? 40 : 3);
+      if (is_last) return;
+      stage = std::min(nodes, 2 * stage);
+    }
+  }
+
+  /// MacKay's update (Neural Computation 4(3), 1992): the variance of residuals is the sum of their squares
+  /// divided by how many of them the data determine. It stands still where the evidence is stationary.
+  void estimate_turn_sigma(int rounds) {
+    if (options_.turn_sigma > 0 || chain_.nodes() < 4) return;
+    for (int i = 0; i < rounds; ++i) {
+      if (!factorize()) return;
+      chain_.invert(inverse_);
+      const double ratio = turn_ratio();
+      terms_.turn_sigma = std::clamp(terms_.turn_sigma * ratio, kLeastSigma, 1.0);
+      converged_ = descent_.run(chain_, bound_, options_.max_iterations);
+      if (std::abs(std::log(ratio)) < 2e-3) return;
+    }
+  }
+
+  /// By what the evidence wants turn_sigma to be multiplied.
+  double turn_ratio() const {
+    double squares = 0, determined = 0;
+    const std::size_t nodes = chain_.nodes();
+    for (std::size_t k = 0; k + 2 < nodes; ++k) {
+      const Block a = PathChain<2>::block(terms_.turn[k]), b = PathChain<2>::block(-1.0 - terms_.turn[k]);
+      const double w = terms_.chain_weight(k);
+      const Block spread = a * inverse_.own[k] * a.transpose() + b * inverse_.own[k + 1] * b.transpose() +
+                           inverse_.own[k + 2] +
+                           2 * (b * inverse_.next[k] * a.transpose() + inverse_.next[k + 1] * b.transpose() +
+                                inverse_.second[k] * a.transpose());
+      squares += w * chain_.chain_residual(k).squaredNorm();
+      determined += 2 - w * spread.trace();
+    }
+    if (determined < 0.5) return 1;  // nothing says how large they are
+    return std::sqrt(std::clamp(squares / determined, 0.05, 20.0));
+  }
+
+  bool factorize() {
+    for (const auto curvature : {ranges::Curvature::True, ranges::Curvature::Convex}) {
+      chain_.assemble(curvature, bound_);
+      if (chain_.factorize()) return true;
+    }
+    return false;
+  }
+
+  void finish() {
+    const bool is_definite = factorize();
+    result_.energy = chain_.energy(bound_);
+    result_.nodes = static_cast<int>(nodes_.size());
+    result_.turn_sigma = terms_.turn_sigma;
+    result_.status = converged_ ? Status::Converged : Status::MaxIterations;
+    if (!is_definite || !std::isfinite(result_.energy)) {
+      result_ = PathEstimate{};
+      result_.status = Status::NumericalFailure;
+      result_.message =
+          "the measurements do not determine the path, or have numbers that are too large or too small";
+      return;
+    }
+    const auto n = static_cast<double>(nodes_.size());
+    result_.evidence =
+        -result_.energy - 0.5 * chain_.log_determinant() - 2 * (n - 2) * std::log(terms_.turn_sigma);
+    if (options_.covariance) chain_.invert(inverse_);
+    write_path();
+    write_beacons();
+    write_residuals();
+    if (options_.lower_bound) {
+      ranges::PathBound bound(terms_, chain_, bound_);
+      result_.lower_bound = bound.run(anchors_ == 0 && terms_.start_weight == 0, result_.energy);
+      result_.iterations += bound.iterations();
+    }
+    result_.iterations += descent_.iterations();
+    for (const auto* list : {&result_.x, &result_.heading, &result_.covariance, &result_.beacon_covariance}) {
+      if (std::all_of(list->begin(), list->end(), [](double v) { return std::isfinite(v); })) continue;
+      result_ = PathEstimate{};
+      result_.status = Status::NumericalFailure;
+      result_.message = "numbers that are too large or too small";
+      return;
+    }
+  }
+
+  void write_path() {
+    const std::size_t poses = steps_ + 1;
+    result_.x.resize(2 * poses);
+    result_.heading.resize(poses);
+    if (options_.covariance) result_.covariance.resize(4 * poses);
+    for (std::size_t k = 0; k < poses; ++k) {
+      const auto [o, a] = on_chain(static_cast<double>(k));
+      const Point step = chain_.x[o + 1] - chain_.x[o];
+      const Point p = chain_.x[o] + PathChain<2>::times(a, step);
+      result_.x[2 * k] = p[0];
+      result_.x[2 * k + 1] = p[1];
+      const Complex turn = complex_of(step) / moves_[o] * std::polar(1.0, turned_[k]);
+      result_.heading[k] = std::arg(turn);
+      if (!options_.covariance) continue;
+      const Block b = PathChain<2>::block(1.0 - a), c = PathChain<2>::block(a);
+      const Block cross = c * inverse_.next[o] * b.transpose();
+      const Block s = b * inverse_.own[o] * b.transpose() + c * inverse_.own[o + 1] * c.transpose() + cross +
+                      cross.transpose();
+      for (int i = 0; i < 2; ++i)
+        for (int j = 0; j < 2; ++j) result_.covariance[4 * k + at(2 * i + j)] = 0.5 * (s(i, j) + s(j, i));
+    }
+  }
+
+  void write_beacons() {
+    result_.beacons.assign(given_.beacons.begin(), given_.beacons.end());
+    if (options_.covariance) result_.beacon_covariance.assign(4 * beacons_, 0.0);
+    for (std::size_t j = 0; j < beacons_; ++j) {
+      if (unknown_[j] < 0) continue;
+      const Point& p = chain_.beacons[at(unknown_[j])];
+      result_.beacons[2 * j] = p[0];
+      result_.beacons[2 * j + 1] = p[1];
+      if (!options_.covariance) continue;
+      const Eigen::Index c = 2 * unknown_[j];
+      for (int a = 0; a < 2; ++a)
+        for (int b = 0; b < 2; ++b)
+          result_.beacon_covariance[4 * j + at(2 * a + b)] = inverse_.corner(c + a, c + b);
+    }
+  }
+
+  void write_residuals() {
+    result_.residuals.assign(given_.range.size(), kNan);
+    for (const PathRange& range : terms_.ranges) {
+      const auto i = at(range.index);
+      result_.residuals[i] = (chain_.difference(range).norm() - range.length) / given_.sigma[i];
+    }
+  }
+
+  static constexpr double kLargest = 1e60;
+  static constexpr double kLeastSigma = 1e-4;  ///< that is estimated: better than any odometry
+
+  const PathMeasurements& given_;
+  const PathOptions& options_;
+  PathEstimate result_;
+  std::size_t steps_ = 0, beacons_ = 0;
+  std::vector<Complex> reckoned_, moves_;  ///< of poses; of nodes
+  std::vector<double> turned_;
+  std::vector<std::size_t> nodes_;  ///< their poses
+  std::vector<int> unknown_;        ///< of each beacon, its place among the unknown ones
+  PathTerms terms_;
+  PathChain<2> chain_;
+  PathChain<2>::Inverse inverse_;
+  ranges::PathDescent<2> descent_;
+  int anchors_ = 0;  ///< known places that are heard, up to two
+  double bound_ = kInfinity;
+  bool converged_ = false;
+};
+
+}  // namespace
+
+PathEstimate locate_path(const PathMeasurements& measurements, const PathOptions& options) {
+  return PathSolver(measurements, options).run();
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,116 @@
+#pragma once
+
+// Newton's method, damped where it has to be, for the energy of a path.
+
+#include "path_chain.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace ranges {
+
+template <int K>
+class PathDescent {
+ public:
+  /// Minimises the chain's energy from where it is. Returns whether it has converged.
+  bool run(PathChain<K>& chain, double bound, int max_iterations) {
+    damping_ = 0;
+    Curvature curvature = Curvature::Convex;
+    double energy = chain.energy(bound);
+    for (int i = 0; i < max_iterations && std::isfinite(energy); ++i) {
+      const double decrement = step(chain, bound, curvature, energy);
+      if (decrement < 0) continue;  // no step; damping has grown
+      if (decrement < 1e-3 * (1 + energy)) curvature = Curvature::True;
+      if (damping_ == 0 && used_ == Curvature::True && decrement < 1e-13 * (1 + energy)) {
+        finish(chain, bound);
+        return true;
+      }
+      if (used_ == Curvature::Convex && curvature == Curvature::True && decrement < 1e-20 * (1 + energy))
+        return true;
+      if (damping_ > 1e12) return decrement < 1e-9 * (1 + energy);
+    }
+    return false;
+  }
+
+  /// From least squares to the loss of the bound, a step at each stage (Blake and Zisserman's graduated
+  /// non-convexity, with the stages of Yang et al., IEEE Robotics and Automation Letters 5(2), 2020).
+  void graduate(PathChain<K>& chain, const PathTerms& terms, double bound) {
+    if (bound == std::numeric_limits<double>::infinity()) return;
+    double largest = 0;
+    for (std::size_t i = 0, count = chain.range_count(); i < count; ++i) {
+      const double e = chain.difference(terms.ranges[i]).norm() - terms.ranges[i].length;
+      largest = std::max(largest, terms.ranges[i].information * e * e);
+    }
+    damping_ = 0;
+    for (double stage = 2 * largest; stage > bound && std::isfinite(stage); stage /= 2) {
+      double energy = chain.energy(stage);
+      for (int tries = 0; tries < 5 && step(chain, stage, Curvature::Convex, energy) < 0; ++tries) {
+      }
+    }
+  }
+
+  int iterations() const { return iterations_; }
+
+ private:
+  /// Half the slope along the step, or -1 if none was taken.
+  double step(PathChain<K>& chain, double bound, Curvature curvature, double& energy) {
+    if (!factorize(chain, bound, curvature)) return -1;
+    const double decrement = direction(chain);
+    old_ = chain.x;
+    old_beacons_ = chain.beacons;
+    move(chain);
+    const double next = chain.energy(bound);
+    if (next <= energy + 1e-12 * (1 + std::abs(energy))) {
+      energy = next;
+      damping_ = damping_ < 1e-8 ? 0 : damping_ / 10;
+      return decrement;
+    }
+    chain.x = old_;
+    chain.beacons = old_beacons_;
+    damping_ = std::max(1e-7, 10 * damping_);
+    return -1;
+  }
+
+  bool factorize(PathChain<K>& chain, double bound, Curvature curvature) {
+    for (;;) {
+      ++iterations_;
+      used_ = curvature;
+      chain.assemble(curvature, bound);
+      if (damping_ > 0) chain.damp(damping_);
+      if (chain.factorize()) return true;
+      if (curvature == Curvature::Convex) break;
+      curvature = Curvature::Convex;
+    }
+    damping_ = std::max(1e-10, 10 * damping_);
+    return false;
+  }
+
+  double direction(PathChain<K>& chain) {
+    step_ = chain.gradient;
+    beacon_step_ = chain.beacon_gradient;
+    chain.solve(step_, beacon_step_);
+    double slope = chain.beacon_gradient.dot(beacon_step_);
+    for (std::size_t k = 0; k < chain.nodes(); ++k) slope += chain.gradient[k].dot(step_[k]);
+    return slope / 2;
+  }
+  void move(PathChain<K>& chain) {
+    for (std::size_t k = 0; k < chain.nodes(); ++k) chain.x[k] -= step_[k];
+    for (std::size_t j = 0; j < chain.beacons.size(); ++j)
+      chain.beacons[j] -= beacon_step_.template segment<K>(static_cast<Eigen::Index>(j) * K);
+  }
+  /// Where the energy's digits are used up, a last step by the gradient's.
+  void finish(PathChain<K>& chain, double bound) {
+    if (!factorize(chain, bound, Curvature::True) || used_ != Curvature::True) return;
+    direction(chain);
+    move(chain);
+  }
+
+  std::vector<typename PathChain<K>::Point> step_, old_, old_beacons_;
+  Eigen::VectorXd beacon_step_;
+  Curvature used_ = Curvature::Convex;
+  double damping_ = 0;
+  int iterations_ = 0;
+};
+
+}  // namespace ranges
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
