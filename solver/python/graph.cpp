@@ -184,9 +184,9 @@ DrawingRules rules_of(const Numbers& sizes, const Integers& orders, const Number
 }  // namespace
 
 void bind_graph(py::module_& m) {
-  py::class_<DrawingRules> rules(m, "_Rules");
-  def_reduce(rules);
-  rules.def(py::init(&rules_of), py::arg("sizes"), py::arg("orders"), py::arg("gaps"), py::arg("fixed"),
+  py::class_<DrawingRules> of_drawings(m, "_Rules");
+  def_reduce(of_drawings);
+  of_drawings.def(py::init(&rules_of), py::arg("sizes"), py::arg("orders"), py::arg("gaps"), py::arg("fixed"),
             py::arg("aligned"), py::arg("groups"));
   m.def(
       "_apply_rules",  // (N, dim) and the summary

@@ -416,6 +416,19 @@ def _m_best_placements(maps: list[Any], ends: Any, costs: Any, count: int, dista
 def _scaled_structure(maps: list[Any], ends: Any, costs: Any, scales: Any, count: int, distance: float) -> tuple[Any, ...]: ...
 def _loopy_structure(maps: list[Any], ends: Any, costs: Any, gap: float, progress: float, max_iterations: int) -> tuple[Any, ...]: ...
 
+class _Rules:
+    def __init__(
+        self,
+        sizes: _Floats,
+        orders: npt.NDArray[np.int64],
+        gaps: _Floats,
+        fixed: _Floats,
+        aligned: npt.NDArray[np.int64],
+        groups: npt.NDArray[np.int64],
+    ) -> None: ...
+
+def _apply_rules(x: _Floats, rules: _Rules) -> tuple[_Floats, Summary]: ...
+
 class _Graph:
     def __init__(self, nodes: int, ends: npt.NDArray[np.int64], lengths: _Floats) -> None: ...
     def components(self) -> _Ints: ...
@@ -434,6 +447,7 @@ class _Graph:
         iterations: int,
         threads: int,
         is_refining: bool,
+        rules: _Rules = ...,
     ) -> tuple[_Floats, Summary]: ...
 
 # Only in builds with nlohmann-json:
