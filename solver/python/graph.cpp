@@ -172,8 +172,8 @@ DrawingRules rules_of(const Numbers& sizes, const Integers& orders, const Number
   const auto least = gaps.unchecked<1>();
   if (rows.shape(1) != 3 || rows.shape(0) != least.shape(0)) throw py::value_error("a gap for each order");
   for (py::ssize_t k = 0; k < rows.shape(0); ++k)
-    rules.separations.push_back({static_cast<int>(rows(k, 0)), static_cast<int>(rows(k, 1)),
-                                 static_cast<int>(rows(k, 2)), least(k)});
+    rules.separations.push_back(
+        {static_cast<int>(rows(k, 0)), static_cast<int>(rows(k, 1)), static_cast<int>(rows(k, 2)), least(k)});
   rules.sizes = values_of<double>(sizes);
   rules.fixed = values_of<double>(fixed);
   rules.aligned = values_of<int>(aligned);
@@ -187,7 +187,7 @@ void bind_graph(py::module_& m) {
   py::class_<DrawingRules> of_drawings(m, "_Rules");
   def_reduce(of_drawings);
   of_drawings.def(py::init(&rules_of), py::arg("sizes"), py::arg("orders"), py::arg("gaps"), py::arg("fixed"),
-            py::arg("aligned"), py::arg("groups"));
+                  py::arg("aligned"), py::arg("groups"));
   m.def(
       "_apply_rules",  // (N, dim) and the summary
       [](const Numbers& start, const DrawingRules& rules) {

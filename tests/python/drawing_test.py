@@ -198,7 +198,7 @@ class RulesTest(unittest.TestCase):
                 call()
 
     def test_a_new_edge_moves_a_drawing_little(self):
-        """Ten times less than a drawing without a start moves, even if the best rotation is taken from it."""
+        """Five times less than a drawing without a start moves, even if the best rotation is taken from it."""
         edges = preferential(1200, 5)
         first = asterism.layout(edges)
         more = [*edges, (17, 1100)]
@@ -206,7 +206,7 @@ class RulesTest(unittest.TestCase):
         without = asterism.layout(more, seed=2)
         off = np.sqrt(np.mean(np.sum((kept.x - first.x) ** 2, axis=1)))  # as they are on the screen
         self.assertLess(off, 0.05 * np.ptp(first.x))
-        self.assertLess(10 * off, moved(without.x, first.x))
+        self.assertLess(5 * off, moved(without.x, first.x))
         self.assertLess(stress(more, kept.x), 1.02 * stress(more, without.x))
 
     def test_coincident_start(self):
@@ -229,7 +229,7 @@ class BoxesTest(unittest.TestCase):
             free = asterism.layout(edges)
             n = len(free.x)
             sizes = random.uniform(0.5, 2, (n, 1)) * [1.0, 0.4]
-            sizes *= np.sqrt(0.15 * np.ptp(free.x, axis=0).prod() / sizes.prod(axis=1).sum())
+            sizes *= np.sqrt(0.25 * np.ptp(free.x, axis=0).prod() / sizes.prod(axis=1).sum())
             with self.subTest(name):
                 self.assertGreater(overlaps(free.x, sizes), 20)
                 result = asterism.layout(edges, sizes=sizes)

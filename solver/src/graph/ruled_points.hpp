@@ -29,13 +29,16 @@ class RuledPoints {
   bool push(std::vector<double>& x);
   /// Passes until all rules hold, `most` at most; then the sweeps, if they do not. False if there is no room.
   bool finish(std::vector<double>& x, int most, const std::atomic<bool>* stop, int& passes);
-  /// Whether all rules hold exactly.
-  bool holds(const std::vector<double>& x) const;
+  /// Whether all rules hold.
+  bool keeps(const std::vector<double>& x);
 
  private:
+  /// Whether all rules hold after load, with the pad between boxes.
+  bool holds(const std::vector<double>& x) const;
+
   /// Boxes none of which may overlap: single points, or groups.
   struct Level {
-    std::vector<std::vector<int>> members;                  // the points of each box
+    std::vector<std::vector<int>> members;                   // the points of each box
     std::vector<std::array<std::vector<int>, 3>> variables;  // of each box along each axis, each once
   };
   struct Box {
@@ -68,8 +71,8 @@ class RuledPoints {
   bool enforce(std::vector<double>& x);
   bool enforce(const Level& level, const std::vector<int>& box_of);
   Axes units_of(const Level& level, const std::vector<Box>& boxes) const;
-  bool arrange(Axes& axes, const std::vector<Box>& boxes,
-               const std::array<std::vector<Constraint>, 3>& asked, int last) const;
+  bool arrange(Axes& axes, const std::vector<Box>& boxes, const std::array<std::vector<Constraint>, 3>& asked,
+               int last) const;
   void add_overlaps(std::vector<Constraint>& to, const Axes& axes, const std::vector<Box>& boxes,
                     int along) const;
   bool add_neighbours(std::vector<Constraint>& to, const Axes& axes, const std::vector<Box>& boxes,
@@ -81,13 +84,13 @@ class RuledPoints {
   bool has_boxes_ = false;
   std::vector<double> half_;  // 2 for each point
   std::vector<Separation> separations_;
-  std::array<std::vector<int>, 3> variable_;     // of each point: the first one that is aligned with it
-  std::array<std::vector<double>, 3> fixed_;     // of each variable; NaN
-  std::array<std::vector<int>, 3> points_;       // of each variable: how many
+  std::array<std::vector<int>, 3> variable_;       // of each point: the first one that is aligned with it
+  std::array<std::vector<double>, 3> fixed_;       // of each variable; NaN
+  std::array<std::vector<int>, 3> points_;         // of each variable: how many
   std::array<std::vector<double>, 3> coordinate_;  // of each variable
-  std::vector<Level> levels_;                    // those of the points of each group, and last the outer one
-  std::vector<std::vector<int>> box_of_;         // of each level: the box of a point, -1
-  double pad_ = 0;  // between boxes, so that rounding cannot make them overlap
+  std::vector<Level> levels_;             // those of the points of each group, and last the outer one
+  std::vector<std::vector<int>> box_of_;  // of each level: the box of a point, -1
+  double pad_ = 0;                        // between boxes, so that rounding cannot make them overlap
   bool is_reversed_ = false;
 };
 

@@ -278,7 +278,8 @@ bool RuledPoints::push_boxes(const Level& level) {
       const std::size_t c = at(axis);
       const double way = boxes[b].centre[c] < boxes[a].centre[c] ? -1 : 1;
       const double share = way * missing[c] / (inverse[a][c] + inverse[b][c]);
-      for (const auto& [box, by] : {std::pair(a, -share * inverse[a][c]), std::pair(b, share * inverse[b][c])}) {
+      for (const auto& [box, by] :
+           {std::pair(a, -share * inverse[a][c]), std::pair(b, share * inverse[b][c])}) {
         boxes[box].centre[c] += by;
         move(level, box, axis, by);
       }
@@ -298,8 +299,8 @@ bool RuledPoints::are_apart(const Level& level) const {
       bool overlap = true;
       for (std::size_t c = 0; c < 2; ++c) {
         const int axis = static_cast<int>(c);
-        const bool are_held = inverse_mass(level, at(order[k]), axis) == 0 &&
-                              inverse_mass(level, at(order[m]), axis) == 0;
+        const bool are_held =
+            inverse_mass(level, at(order[k]), axis) == 0 && inverse_mass(level, at(order[m]), axis) == 0;
         if (std::abs(a.centre[c] - b.centre[c]) >= a.half[c] + b.half[c] + (are_held ? 0 : pad_ / 2))
           overlap = false;
       }
@@ -323,8 +324,17 @@ bool RuledPoints::holds(const std::vector<double>& x) const {
   return std::all_of(levels_.begin(), levels_.end(), [&](const Level& level) { return are_apart(level); });
 }
 
+bool RuledPoints::keeps(const std::vector<double>& x) {
+  load(x);
+  pad_ = 0;
+  return holds(x);
+}
+
 bool RuledPoints::finish(std::vector<double>& x, int most, const std::atomic<bool>* stop, int& passes) {
   passes = 0;
+  load(x);
+  store(x);
+  if (holds(x)) return true;
   while (passes < most && !(stop != nullptr && *stop)) {
     ++passes;
     if (push(x)) continue;
@@ -458,7 +468,8 @@ void RuledPoints::add_overlaps(std::vector<Constraint>& to, const Axes& axes, co
     const std::size_t a = at(order[k]);
     for (std::size_t m = k + 1; m < order.size(); ++m) {
       const std::size_t b = at(order[m]);
-      const double across = moved[a].half[o] + moved[b].half[o] - std::abs(moved[b].centre[o] - moved[a].centre[o]);
+      const double across =
+          moved[a].half[o] + moved[b].half[o] - std::abs(moved[b].centre[o] - moved[a].centre[o]);
       if (across <= 0) break;
       const std::size_t of_a = at(others.of_box[a]), of_b = at(others.of_box[b]);
       const bool is_stuck = of_a == of_b || (others.is_fixed[of_a] != 0 && others.is_fixed[of_b] != 0);
@@ -617,8 +628,11 @@ Summary apply_rules(int dim, std::span<double> x, const DrawingRules& rules, con
     std::string error = points.error();
     if (!std::all_of(moved.begin(), moved.end(), [](double value) { return std::isfinite(value); }))
       error = "expected finite coordinates";
-    if (error.empty() && !points.finish(moved, options.passes, options.stop, summary.iterations))
+    if (error.empty() && points.keeps(moved)) {
+      summary.iterations = 0;
+    } else if (error.empty() && !points.finish(moved, options.passes, options.stop, summary.iterations)) {
       error = kNoRoom;
+    }
     if (!error.empty()) {
       summary = detail::refused("rules", std::string_view(error));
       return;
