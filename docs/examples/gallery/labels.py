@@ -26,9 +26,10 @@ groups = {
     "read": ["check pages", "check format", "read changelog"],
 }
 names = list(dict.fromkeys(name for arrow in arrows for name in arrow))
-sizes = np.array([(0.12 * len(name) + 0.2, 0.4) for name in names])
-free = asterism.layout(arrows)
-ruled = asterism.layout(arrows, sizes=sizes, downward=0.6, groups=groups.values())
+sizes = np.array([(0.13 * len(name) + 0.2, 0.4) for name in names])
+edges = [(a, b, 1.5) for a, b in arrows]  # in units of the sizes
+free = asterism.layout(edges)
+ruled = asterism.layout(edges, sizes=sizes + 0.2, downward=0.8, groups=groups.values())  # with a margin around each label
 
 # %% Both drawings.
 figure, panels = plt.subplots(1, 2, figsize=(13, 6.5), layout="constrained")
@@ -40,7 +41,7 @@ for axes, title, drawn in zip(panels, ("by distances alone", "with rules"), (fre
         axes.text(*place, name, ha="center", va="center", fontsize=8, zorder=3)
     for members in groups.values() if drawn is ruled else ():
         inside = [names.index(name) for name in members]
-        low, high = (drawn.x[inside] - sizes[inside] / 2).min(axis=0), (drawn.x[inside] + sizes[inside] / 2).max(axis=0)
+        low, high = (drawn.x[inside] - sizes[inside] / 2).min(axis=0) - 0.1, (drawn.x[inside] + sizes[inside] / 2).max(axis=0) + 0.1
         axes.add_patch(Rectangle(low, *(high - low), facecolor="0.92", edgecolor="0.7", zorder=0))
     axes.set_title(title, fontsize=10)
     axes.autoscale_view()
