@@ -337,6 +337,7 @@ class BoxesTest(unittest.TestCase):
             (lambda: asterism.layout(pairs, layers=[1, 2, 3], anchors=pins, anchor_weights=np.inf), ValueError, "layers: node 0 is held on"),
             (lambda: asterism.layout(pairs, downward=1, layers=[0, 1, 2]), ValueError, "no places were found"),
             (lambda: asterism.layout(pairs, downward=1, aligned=[("y", ["a", "b"])]), ValueError, "no places were found"),
+            (lambda: asterism.layout(pairs, node_size=3), TypeError, "here it is 'sizes', the width and the height"),
             (lambda: asterism.remove_overlaps([1, 2], (1, 1)), ValueError, r"x: expected shape \(N, 2\), found \(2,\)"),
             (lambda: asterism.remove_overlaps([[1, np.nan]], (1, 1)), ValueError, "x: expected finite numbers"),
             (lambda: asterism.remove_overlaps([[1, 2]], (1, np.inf)), ValueError, "sizes: row 0"),
