@@ -197,7 +197,7 @@ def layout_stress(
     """
     nodes, edges, _, _ = _graph_of(graph, length)
     dim = np.shape(x)[1] if np.ndim(x) == 2 and np.shape(x)[1] in (2, 3) else 2
-    points = inputs.numbers(x, "x", (len(nodes), dim))
+    points = inputs.array(x, "x", (len(nodes), dim))
     if not np.isfinite(points).all():
         raise ValueError("x: expected finite numbers")
     if scaled and len(points):
