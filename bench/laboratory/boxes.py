@@ -52,6 +52,8 @@ def geometric(n: int) -> list[tuple[int, int]]:
 
 
 def graphviz(x: np.ndarray, sizes: np.ndarray, method: str) -> np.ndarray:
+    inches = 1 / sizes.mean()  # its text has five digits
+    x, sizes = x * inches, sizes * inches
     nodes = "".join(f'{k} [pos="{a * 72},{b * 72}",width={w},height={h}];' for k, ((a, b), (w, h)) in enumerate(zip(x, sizes)))
     arguments = ["neato", "-n", f"-Goverlap={method}", "-Goverlap_scaling=0", "-Goverlap_shrink=false", "-Gsep=+0", "-Gsplines=", "-Nshape=box", "-Nlabel=", "-Nfixedsize=true"]
     out = subprocess.run([*arguments, "-Tplain"], input=f"graph {{{nodes}}}", capture_output=True, text=True, check=True).stdout
@@ -59,7 +61,7 @@ def graphviz(x: np.ndarray, sizes: np.ndarray, method: str) -> np.ndarray:
     for words in map(str.split, out.splitlines()):
         if words and words[0] == "node":
             result[int(words[1])] = float(words[2]), float(words[3])
-    return result
+    return result / inches
 
 
 def cpu_seconds() -> float:

@@ -69,6 +69,7 @@ class Rules:
         aligned: Iterable[tuple[str, Iterable[Any]]] | None,
         groups: Iterable[Iterable[Any]] | None,
     ) -> None:
+        self._nodes = nodes
         self._index = {node: k for k, node in enumerate(nodes)}
         n = len(nodes)
         if dim != 2 and (sizes is not None or groups is not None):
@@ -97,6 +98,11 @@ class Rules:
                 if (self.groups[members] >= 0).any():
                     raise ValueError(f"groups: {nodes[members[self.groups[members] >= 0][0]]!r} is in two groups")
                 self.groups[members] = number
+            for axis in range(dim):
+                for number in np.unique(self.aligned[self.aligned[:, axis] >= 0, axis]):
+                    line = np.flatnonzero(self.aligned[:, axis] == number)
+                    if len(other := line[self.groups[line] != self.groups[line[0]]]):
+                        raise ValueError(f"aligned: {nodes[line[0]]!r} and {nodes[other[0]]!r} are not in the same group")
 
     def _numbers(self, some: Any, name: str) -> _Indices:
         if isinstance(some, str) or not hasattr(some, "__iter__"):
@@ -140,7 +146,7 @@ class Rules:
         fixed = np.where(np.isinf(hold)[:, None], at, np.nan)
         in_layer = ~np.isnan(self.layers)
         if len(bad := np.flatnonzero(in_layer & ~np.isnan(fixed[:, 1]) & (fixed[:, 1] != self.layers))):
-            raise ValueError(f"layers: node {bad[0]} is held on {fixed[bad[0]].tolist()}, which is not in its layer {self.layers[bad[0]]}")
+            raise ValueError(f"layers: {self._nodes[bad[0]]!r} is held on {fixed[bad[0]].tolist()}, which is not in its layer {self.layers[bad[0]]}")
         fixed[in_layer, 1] = self.layers[in_layer]
         more = np.arange(hubs)
         return _asterism._Rules(
