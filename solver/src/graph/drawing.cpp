@@ -377,6 +377,7 @@ class Drawing {
 
   template <int Dim>
   void move(const Batch& batch, std::vector<double>& x, const std::vector<double>& anchors) const {
+    const char* const held = is_held_.empty() ? nullptr : is_held_.data();
     std::size_t k = 0;
     for (const Star& star : batch.stars) {
       double from[Dim];
@@ -399,7 +400,7 @@ class Drawing {
         const double share = std::min(1.0, star.step * pair.weight);
         const double factor = share * (pair.length / std::sqrt(square) - 1);
         for (int c = 0; c < Dim; ++c) {
-          if (is_held_.empty() || is_held_[at(pair.node) * Dim + at(c)] == 0) to[c] += factor * along[c];
+          if (held == nullptr || held[at(pair.node) * Dim + at(c)] == 0) to[c] += factor * along[c];
         }
         if (pull == 0) continue;
         const double back = std::min(1.0, star.step * pull);

@@ -52,9 +52,9 @@ ASTERISM_API std::vector<double> pivot_start(const Graph& graph, int dim,
 /// Status::MaxIterations otherwise. Of Status::Interrupted both are -1. InvalidInput for a weight beyond the
 /// range of double, as that of a path of length 0, and OutOfMemory.
 ///
-/// With rules, x keeps to them exactly, whether or not its stress is lower than that of the x given. After
-/// each iteration, one pass moves apart what breaks them, as in apply_rules, which has the last word;
-/// InvalidInput also where that has it.
+/// With rules, x keeps to them exactly, even if its stress is then higher than that of the x given. After
+/// each iteration, one pass moves apart what breaks a rule, and in the end x is moved as by apply_rules.
+/// InvalidInput also where apply_rules has it.
 ASTERISM_API Summary draw_graph(const Graph& graph, int dim, std::span<double> x,
                                 const DrawingAnchors& anchors, const DrawingOptions& options,
                                 const DrawingRules& rules = {});

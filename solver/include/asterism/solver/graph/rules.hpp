@@ -52,7 +52,7 @@ struct RuleOptions {
 /// they overlap less (a projected Gauss-Seidel method, as in Mueller et al. 2007). If some still overlap
 /// after the last pass, their order along one axis and then along the other is kept from there on: then all
 /// rules are differences of coordinates, of which the sweeps of a scan line find enough (Dwyer, Marriott and
-/// Stuckey 2006), and the coordinates are the nearest ones that fulfil them.
+/// Stuckey 2006), and x is moved to where they hold, about as little as possible.
 ///
 /// Status::Converged, or InvalidInput with a message, and x as it was: sizes that do not fit, rules that
 /// contradict each other, or no room found between points whose coordinates are given. `iterations` counts
