@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/graph/drawing.hpp>
 #include <asterism/solver/graph/graph.hpp>
+#include <asterism/solver/graph/rules.hpp>
 #include <atomic>
 #include <cmath>
 #include <cstdint>
@@ -154,9 +155,52 @@ py::tuple stress_sums(SearchedGraph& graph, const Eigen::Map<const typename Syst
   return py::make_tuple(sums[0], sums[1], sums[2]);
 }
 
+template <typename T, typename Array>
+std::vector<T> values_of(const Array& array) {
+  std::vector<T> result;
+  result.reserve(static_cast<std::size_t>(array.size()));
+  std::transform(array.data(), array.data() + array.size(), std::back_inserter(result),
+                 [](auto value) { return static_cast<T>(value); });
+  return result;
+}
+
+/// asterism._Rules: embedding.py has checked what it gives.
+DrawingRules rules_of(const Numbers& sizes, const Integers& orders, const Numbers& gaps, const Numbers& fixed,
+                      const Integers& aligned, const Integers& groups) {
+  DrawingRules rules;
+  const auto rows = orders.unchecked<2>();  // before, after, axis
+  const auto least = gaps.unchecked<1>();
+  if (rows.shape(1) != 3 || rows.shape(0) != least.shape(0)) throw py::value_error("a gap for each order");
+  for (py::ssize_t k = 0; k < rows.shape(0); ++k)
+    rules.separations.push_back(
+        {static_cast<int>(rows(k, 0)), static_cast<int>(rows(k, 1)), static_cast<int>(rows(k, 2)), least(k)});
+  rules.sizes = values_of<double>(sizes);
+  rules.fixed = values_of<double>(fixed);
+  rules.aligned = values_of<int>(aligned);
+  rules.groups = values_of<int>(groups);
+  return rules;
+}
+
 }  // namespace
 
 void bind_graph(py::module_& m) {
+  py::class_<DrawingRules> of_drawings(m, "_Rules");
+  def_reduce(of_drawings);
+  of_drawings.def(py::init(&rules_of), py::arg("sizes"), py::arg("orders"), py::arg("gaps"), py::arg("fixed"),
+                  py::arg("aligned"), py::arg("groups"));
+  m.def(
+      "_apply_rules",  // (N, dim) and the summary
+      [](const Numbers& start, const DrawingRules& rules) {
+        const auto dim = static_cast<int>(start.shape(1));
+        std::vector<double> x(start.data(), start.data() + start.size());
+        RuleOptions options;
+        const Summary summary = interruptible([&](const std::atomic<bool>& stop) {
+          options.stop = &stop;
+          return apply_rules(dim, x, rules, options);
+        });
+        return py::make_tuple(py::array_t<double>(Shape{start.shape(0), start.shape(1)}, x.data()), summary);
+      },
+      py::arg("x"), py::arg("rules"));
   py::class_<SearchedGraph> graph(m, "_Graph");
   def_reduce(graph);
   graph
@@ -263,7 +307,7 @@ void bind_graph(py::module_& m) {
           "draw",  // (N, dim) and the summary, of draw_graph
           [](const SearchedGraph& self, const Numbers& start, const Numbers& positions,
              const Numbers& weights, double power, std::uint64_t seed, int iterations, int threads,
-             bool is_refining) {
+             bool is_refining, const DrawingRules& rules) {
             const auto dim = static_cast<int>(start.shape(1));
             if (start.shape(0) != self.nodes() || dim < 2 || dim > 3 || positions.size() != start.size() ||
                 weights.size() != self.nodes())
@@ -273,12 +317,13 @@ void bind_graph(py::module_& m) {
             DrawingOptions options{power, iterations, seed, threads, is_refining, nullptr};
             const Summary summary = interruptible([&](const std::atomic<bool>& stop) {
               options.stop = &stop;
-              return draw_graph(self.graph(), dim, x, anchors, options);
+              return draw_graph(self.graph(), dim, x, anchors, options, rules);
             });
             return py::make_tuple(py::array_t<double>(Shape{self.nodes(), dim}, x.data()), summary);
           },
           py::arg("start"), py::arg("anchors"), py::arg("anchor_weights"), py::arg("power"), py::arg("seed"),
-          py::arg("iterations"), py::arg("threads"), py::arg("is_refining"));
+          py::arg("iterations"), py::arg("threads"), py::arg("is_refining"),
+          py::arg("rules") = DrawingRules());
 }
 
 }  // namespace asterism::python

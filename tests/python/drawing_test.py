@@ -197,11 +197,154 @@ class RulesTest(unittest.TestCase):
             with self.subTest(message), self.assertRaisesRegex(error, message):
                 call()
 
+    def test_a_new_edge_moves_a_drawing_little(self):
+        """Five times less than a drawing without a start moves, even if the best rotation is taken from it."""
+        edges = preferential(1200, 5)
+        first = asterism.layout(edges)
+        more = [*edges, (17, 1100)]
+        kept = asterism.layout(more, start=first.x)
+        without = asterism.layout(more, seed=2)
+        off = np.sqrt(np.mean(np.sum((kept.x - first.x) ** 2, axis=1)))  # as they are on the screen
+        self.assertLess(off, 0.05 * np.ptp(first.x))
+        self.assertLess(5 * off, moved(without.x, first.x))
+        self.assertLess(stress(more, kept.x), 1.02 * stress(more, without.x))
+
     def test_coincident_start(self):
         edges = grid(8, 8)
         result = asterism.layout(edges, start=np.zeros((64, 2)), method="sgd")
         self.assertTrue(np.isfinite(result.x).all())
         self.assertGreater(np.ptp(result.x), 1)
+
+
+def overlaps(x, sizes):
+    """How many pairs of boxes overlap, from all pairs."""
+    apart = np.abs(x[:, None] - x) >= (sizes[:, None] + sizes) / 2
+    return int((~apart.any(axis=2)).sum() - len(x)) // 2
+
+
+class BoxesTest(unittest.TestCase):
+    def test_no_two_boxes_overlap_and_the_stress_is_kept(self):
+        random = np.random.default_rng(7)
+        for name, edges in {"grid": grid(20, 25), "tree": tree(1100, 2)}.items():
+            free = asterism.layout(edges)
+            n = len(free.x)
+            sizes = random.uniform(0.5, 2, (n, 1)) * [1.0, 0.4]
+            sizes *= np.sqrt(0.25 * np.ptp(free.x, axis=0).prod() / sizes.prod(axis=1).sum())
+            with self.subTest(name):
+                self.assertGreater(overlaps(free.x, sizes), 20)
+                result = asterism.layout(edges, sizes=sizes)
+                self.assertEqual(overlaps(result.x, sizes), 0)
+                self.assertLess(stress(edges, result.x), 1.1 * stress(edges, free.x))
+                self.assertTrue(result.system is None and result.certificate is None)
+                self.assertAlmostEqual(result.stress / stress(edges, result.x), 1, delta=0.1)
+                np.testing.assert_allclose(result.x.mean(axis=0), 0, atol=1e-9)
+                # A drawing that is one already moves little.
+                again = asterism.layout(edges, sizes=sizes, start=result.x)
+                self.assertEqual(overlaps(again.x, sizes), 0)
+                self.assertLess(moved(again.x, result.x), 0.03 * np.ptp(result.x))
+
+    def test_points(self):
+        random = np.random.default_rng(1)
+        for n, side in ((1, 1), (2, 1e-3), (300, 3), (300, 0.5), (60, 1e-9), (400, 1e5)):
+            with self.subTest(n=n, side=side):
+                x, sizes = side * random.random((n, 2)), random.uniform(0, 0.3, (n, 2)) * (side if side > 1 else 1)
+                moved = asterism.remove_overlaps(x, sizes)
+                self.assertEqual(overlaps(moved, sizes), 0)
+                np.testing.assert_array_equal(asterism.remove_overlaps(moved, sizes), moved)
+        coincident = asterism.remove_overlaps(np.zeros((50, 2)), (1, 0.2))
+        self.assertEqual(overlaps(coincident, np.full((50, 2), (1, 0.2))), 0)
+
+    def test_boxes_that_are_held(self):
+        random = np.random.default_rng(3)
+        x, sizes, held = 4 * random.random((200, 2)), random.uniform(0.1, 0.3, (200, 2)), np.zeros(200, dtype=bool)
+        x[:3], held[:3] = [(0, 0), (2, 2), (4, 4)], True
+        moved = asterism.remove_overlaps(x, sizes, held=held)
+        self.assertEqual(overlaps(moved, sizes), 0)
+        np.testing.assert_array_equal(moved[:3], x[:3])
+        # Boxes that touch do not overlap; two that overlap and are held are an error.
+        touching = np.array([(0.0, 0), (1, 0), (0.5, 1)])
+        np.testing.assert_array_equal(asterism.remove_overlaps(touching, (1, 1), held=[True] * 3), touching)
+        with self.assertRaisesRegex(ValueError, "no places were found"):
+            asterism.remove_overlaps(0.9 * touching, (1, 1), held=[True] * 3)
+        edges, anchors = grid(8, 8), np.full((64, 2), np.nan)
+        anchors[[0, 63]] = (0, 0), (8, 8)
+        drawn = asterism.layout(edges, sizes=(0.8, 0.8), anchors=anchors, anchor_weights=np.inf)
+        self.assertEqual(overlaps(drawn.x, np.full((64, 2), 0.8)), 0)
+        np.testing.assert_array_equal(drawn.x[[0, 63]], anchors[[0, 63]])
+
+    def test_layers_directions_and_alignment(self):
+        random = np.random.default_rng(4)
+        edges = sorted({(int(random.integers(k)), k) for k in range(1, 50)} | {(k // 3, k) for k in range(3, 50, 4)})
+        sizes = np.full((50, 2), (0.5, 0.3))
+        for dim, more in ((2, {"sizes": sizes}), (2, {}), (3, {})):
+            with self.subTest(dim=dim, more=list(more)):
+                drawn = asterism.layout(edges, dim, downward=0.7, **more)
+                self.assertGreaterEqual(min(drawn.x[a, 1] - drawn.x[b, 1] for a, b in edges), 0.7)
+                rows = np.where(np.arange(50) % 5 == 4, np.nan, np.arange(50) % 5 * 1.5)
+                layered = asterism.layout(edges, dim, layers=rows, **more)
+                known = ~np.isnan(rows)
+                np.testing.assert_array_equal(layered.x[known, 1], rows[known])
+                lines = [("y", [0, 7, 9, 30]), ("x", [1, 2]), ("x", [2, 3]), ("y", [11, 12])]
+                aligned = asterism.layout(edges, dim, aligned=lines, **more)
+                for axis, nodes in (*lines, ("x", [1, 3])):
+                    self.assertEqual(np.ptp(aligned.x[nodes, "xyz".index(axis)]), 0)
+                for result in (drawn, layered, aligned) if more else ():
+                    self.assertEqual(overlaps(result.x, sizes), 0)
+        # Edges of a circle have any direction; others go down.
+        ring = asterism.layout([("a", "b"), ("b", "c"), ("c", "a"), ("c", "d"), ("e", "a"), ("f", "g")], downward=1.0)
+        y = {node: place[1] for node, place in ring.pos.items()}
+        self.assertTrue(y["c"] - y["d"] >= 1 and y["e"] - y["a"] >= 1 and y["f"] - y["g"] >= 1)
+
+    def test_groups(self):
+        edges, random = grid(7, 7), np.random.default_rng(5)
+        for sizes in (np.full((49, 2), (0.4, 0.3)), None):
+            for groups in ([range(0, 10), range(20, 30)], [[int(k) for k in random.choice(49, 6, replace=False)]]):
+                x = asterism.layout(edges, groups=groups, sizes=sizes).x
+                half = np.zeros((49, 2)) if sizes is None else sizes / 2
+                low, high = x - half, x + half
+                alone = sorted(set(range(49)) - {k for group in groups for k in group})
+                of = [[k] for k in alone] if sizes is None else [[k] for k in range(49)]
+                if sizes is not None:
+                    self.assertEqual(overlaps(x, sizes), 0)
+                of = [[k] for k in alone] + [list(group) for group in groups]
+                lows, highs = (np.array([each(side[nodes], axis=0) for nodes in of]) for each, side in ((np.min, low), (np.max, high)))
+                apart = ((lows[:, None] >= highs) | (lows >= highs[:, None])).any(axis=2)
+                grouped = np.arange(len(of)) >= len(alone)
+                among = (grouped[:, None] | grouped) & ~np.eye(len(of), dtype=bool)
+                self.assertTrue(apart[among].all())
+
+    def test_bad_input(self):
+        pairs = [("a", "b"), ("b", "c")]
+        pins = [(0.0, 0), (0.5, 0), (5, 5)]
+        for call, error, message in (
+            (lambda: asterism.layout(pairs, sizes=(1, -1)), ValueError, r"sizes: row 0 is \[1.0, -1.0\]; expected >= 0 and finite"),
+            (lambda: asterism.layout(pairs, sizes=[(1, 1), (1, np.nan), (1, 1)]), ValueError, "sizes: row 1"),
+            (lambda: asterism.layout(pairs, sizes=[(1, 1), (1, 1)]), ValueError, r"sizes: expected shape \(3, 2\) or \(2,\), found \(2, 2\)"),
+            (lambda: asterism.layout(pairs, 3, sizes=(1, 1)), ValueError, "sizes: only with dim 2"),
+            (lambda: asterism.layout(pairs, 3, groups=[["a"]]), ValueError, "groups: only with dim 2"),
+            (lambda: asterism.layout(pairs, layers=[0, 1]), ValueError, "layers"),
+            (lambda: asterism.layout(pairs, layers=[0, np.inf, 1]), ValueError, "layers: expected finite numbers"),
+            (lambda: asterism.layout(pairs, downward=-1), ValueError, "downward: expected >= 0 and finite, found -1"),
+            (lambda: asterism.layout(pairs, downward=np.nan), ValueError, "downward: expected >= 0"),
+            (lambda: asterism.layout(pairs, aligned=[("z", ["a"])]), ValueError, "aligned: entry 0 is .*; expected an axis of 'x', 'y'"),
+            (lambda: asterism.layout(pairs, aligned=["xa"]), ValueError, "aligned: entry 0"),
+            (lambda: asterism.layout(pairs, aligned=[("x", ["a", "q"])]), ValueError, "aligned: entry 0: 'q' is no node of the graph"),
+            (lambda: asterism.layout(pairs, aligned=[("x", "ab")]), TypeError, "expected a list of nodes"),
+            (lambda: asterism.layout(pairs, groups=[["a", "b"], ["b"]]), ValueError, "groups: 'b' is in two groups"),
+            (lambda: asterism.layout(pairs, groups=[[["a"]]]), ValueError, "is no node of the graph"),
+            (lambda: asterism.layout(pairs, groups=[["a"], ["b", "c"]], aligned=[("x", ["a", "c"])]), ValueError, "aligned: 'a' and 'c' are not in the same group"),
+            (lambda: asterism.layout(pairs, sizes=(1, 1), anchors=pins, anchor_weights=np.inf), ValueError, "no places were found"),
+            (lambda: asterism.layout(pairs, layers=[1, 2, 3], anchors=pins, anchor_weights=np.inf), ValueError, "layers: 'a' is held on"),
+            (lambda: asterism.layout(pairs, downward=1, layers=[0, 1, 2]), ValueError, "no places were found"),
+            (lambda: asterism.layout(pairs, downward=1, aligned=[("y", ["a", "b"])]), ValueError, "no places were found"),
+            (lambda: asterism.layout(pairs, node_size=3), TypeError, "here it is 'sizes', the width and the height"),
+            (lambda: asterism.remove_overlaps([1, 2], (1, 1)), ValueError, r"x: expected shape \(N, 2\), found \(2,\)"),
+            (lambda: asterism.remove_overlaps([[1, np.nan]], (1, 1)), ValueError, "x: expected finite numbers"),
+            (lambda: asterism.remove_overlaps([[1, 2]], (1, np.inf)), ValueError, "sizes: row 0"),
+            (lambda: asterism.remove_overlaps([[1, 2]], (1, 1), held=[1]), ValueError, r"held: expected shape \(1,\) of bool"),
+        ):
+            with self.subTest(message), self.assertRaisesRegex(error, message):
+                call()
 
 
 if __name__ == "__main__":

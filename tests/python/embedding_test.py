@@ -356,7 +356,9 @@ class LayoutTest(unittest.TestCase):
                 self.assertAlmostEqual(asterism.layout_stress(edges, x, power=power), expected, places=12)
         found = asterism.layout(edges)
         self.assertAlmostEqual(asterism.layout_stress(edges, found.x), found.stress, places=12)
-        self.assertAlmostEqual(asterism.layout_stress(edges, 7 * found.x, scaled=True), found.stress, places=12)
+        enlarged = 7 * found.x
+        self.assertAlmostEqual(asterism.layout_stress(edges, enlarged, scaled=True), found.stress, places=12)
+        np.testing.assert_array_equal(enlarged, 7 * found.x)  # the caller's array is as it was
         self.assertEqual(asterism.layout_stress(edges, np.zeros((5, 2)), scaled=True), 4)
 
     def test_the_scaled_stress_does_not_depend_on_the_scale(self):

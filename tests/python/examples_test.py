@@ -211,6 +211,18 @@ Section: games
         run = subprocess.run([sys.executable, str(script), str(edges)], capture_output=True, text=True)
         self.assertEqual((run.returncode, run.stderr), (1, f"layouts.py: {edges}:2: expected NODE NODE [LENGTH]\n"))
 
+    def test_boxes_of_other_programs(self):
+        run = subprocess.run(
+            [sys.executable, str(PROJECT / "bench/laboratory/boxes.py"), "--nodes", "60", "--fills", "0.2"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        rows = [line.split() for line in run.stdout.splitlines()]
+        ours = [row for row in rows if row[2] in ("layout", "remove_overlaps")]
+        self.assertEqual(len(ours), 8)
+        self.assertEqual({row[3] for row in ours}, {"0"})
+
     def test_help(self):
         for name in ("solve_and_draw.py", "compare_solvers.py", "track_video.py"):
             if name == "track_video.py" and not hasattr(asterism, "Tracker"):

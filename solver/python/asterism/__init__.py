@@ -56,6 +56,7 @@ from ._asterism import __version__
 from .embedding import Embedding, layout, layout_stress, mds
 from .gradients import Sensitivity, SensitivityStatus, sensitivity
 from .ranges import PathEstimate, PositionFix, PositionMinimum, locate, locate_path
+from .rules import remove_overlaps
 from .scaling import MDS
 from .structures import (
     Joint, LoopyResult, PictorialResult, ScaledResult, loopy_structure, m_best_placements, pictorial_structure, scaled_structure,
@@ -64,7 +65,7 @@ from .structures import (
 # What help(asterism) lists.
 __all__ = [
     "bench", "evaluation", "pose", "Embedding", "Joint", "LoopyResult", "MDS", "PathEstimate", "PictorialResult", "PositionFix", "PositionMinimum", "ScaledResult", "Sensitivity", "SensitivityStatus", "layout", "layout_stress", "locate", "locate_path", "loopy_structure", "m_best_placements", "mds", "pictorial_structure",
-    "scaled_structure", "sensitivity",
+    "remove_overlaps", "scaled_structure", "sensitivity",
     *(name for name in dir(_asterism) if not name.startswith("_")),
 ]
 if hasattr(_asterism, "Tracker"):

@@ -456,6 +456,19 @@ class PathStream:
     @property
     def energy(self) -> float: ...
 
+class _Rules:
+    def __init__(
+        self,
+        sizes: _Floats,
+        orders: npt.NDArray[np.int64],
+        gaps: _Floats,
+        fixed: _Floats,
+        aligned: npt.NDArray[np.int64],
+        groups: npt.NDArray[np.int64],
+    ) -> None: ...
+
+def _apply_rules(x: _Floats, rules: _Rules) -> tuple[_Floats, Summary]: ...
+
 class _Graph:
     def __init__(self, nodes: int, ends: npt.NDArray[np.int64], lengths: _Floats) -> None: ...
     def components(self) -> _Ints: ...
@@ -474,6 +487,7 @@ class _Graph:
         iterations: int,
         threads: int,
         is_refining: bool,
+        rules: _Rules = ...,
     ) -> tuple[_Floats, Summary]: ...
 
 # Only in builds with nlohmann-json:

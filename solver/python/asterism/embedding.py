@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _asterism, inputs, names
+from .rules import Rules
 
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
@@ -121,6 +122,11 @@ def layout(
     start: npt.ArrayLike | None = None,
     method: str | None = None,
     length: str | None = "length",
+    sizes: npt.ArrayLike | None = None,
+    layers: npt.ArrayLike | None = None,
+    downward: float | None = None,
+    aligned: Iterable[tuple[str, Iterable[Any]]] | None = None,
+    groups: Iterable[Iterable[Any]] | None = None,
     **options: bool | float,
 ) -> Embedding:
     """Draws a graph: nodes at distances near those along the graph (Kamada and Kawai 1989; Gansner, Koren and North 2004).
@@ -148,11 +154,22 @@ def layout(
         many as the machine runs at once; the result does not depend on it). Otherwise as for mds.
     dim, anchors, anchor_weights: as for mds.
 
+    Rules, which the drawing keeps to exactly, as it does to anchors of infinite weight. Without a start, the graph is first drawn freely;
+    then the method "sgd" goes on, and moves apart what breaks a rule after each iteration. Nothing is proven of the result.
+    sizes: (N, 2), the width and the height of each node's box, or (2,) for all: no two boxes overlap. Only in the plane.
+    layers: (N,), the y of each node; NaN for those without a layer.
+    downward: the end of each edge is below its beginning by at least this. Edges of a circle (of a strongly connected component) may have
+        any direction.
+    aligned: pairs of an axis, "x", "y" or "z", and nodes: these have the same x, or y, or z.
+    groups: lists of nodes, which are kept together: the boxes that bound groups overlap neither each other nor other nodes' boxes. Only
+        in the plane. To stay compact, each group has one more node in its middle while it is drawn, whose edges count in `stress`.
+    ValueError if rules contradict each other, or no room is found between nodes that are held.
+
     The result's `nodes` are the graph's in the order of x; its `pos` is the dict from node to place that networkx.draw takes.
     """
     _check_dim(dim)
-    nodes, edges, unit = _graph_of(graph, length)
-    n = len(nodes)
+    nodes, edges, joined_nodes, joined_lengths = _graph_of(graph, length)
+    n, unit = len(nodes), _unit(joined_lengths)
     if method is None:
         method = "lbfgs-jacobi" if partners is not None else "sgd" if n > _MANY else "multi-start"
     if method != "sgd":
@@ -160,21 +177,12 @@ def layout(
     given = None if start is None else inputs.array(start, "start", (n, dim))
     at, hold = _anchors_of(anchors, anchor_weights, n, dim)
     components = _components(edges)
-    if method == "sgd":
-        if partners is not None:
-            raise ValueError("partners: the method 'sgd' draws the pairs itself; give one of the two")
-        return _draw(nodes, edges, unit, components, at, hold, given, float(power), **options)
-    if partners is None:
-        pairs, lengths = edges.pairs(sum(len(c) * (len(c) - 1) // 2 for c in components))
-        weights = _path_weights(lengths, power)
-    else:
-        options = {"tolerance": 1e-6, **options}  # below it only long paths change, and take five times as long
-        pairs, lengths, shares = edges.partners(_count(partners, "partners"), 1)
-        weights = shares * _path_weights(lengths, power)
-    return _embed(
-        *(nodes, pairs, lengths, weights, at, hold, given, dim, method, options, edges, components),
-        prove=partners is None,  # a proof of the sparse stress would take longer than the drawing
-    )
+    if method == "sgd" and partners is not None:
+        raise ValueError("partners: the method 'sgd' draws the pairs itself; give one of the two")
+    if any(rule is not None for rule in (sizes, layers, downward, aligned, groups)):
+        found = Rules(nodes, joined_nodes, dim, sizes, layers, downward, aligned, groups)
+        return _ruled(found, nodes, joined_nodes, joined_lengths, at, hold, given, float(power), method, partners, options)
+    return _free(nodes, edges, unit, components, at, hold, given, float(power), method, partners, options)
 
 
 def layout_stress(
@@ -187,9 +195,9 @@ def layout_stress(
 
     Takes memory of N and time of N^2, twice that if scaled.
     """
-    nodes, edges, _ = _graph_of(graph, length)
+    nodes, edges, _, _ = _graph_of(graph, length)
     dim = np.shape(x)[1] if np.ndim(x) == 2 and np.shape(x)[1] in (2, 3) else 2
-    points = inputs.numbers(x, "x", (len(nodes), dim))
+    points = inputs.array(x, "x", (len(nodes), dim))
     if not np.isfinite(points).all():
         raise ValueError("x: expected finite numbers")
     if scaled and len(points):
@@ -301,10 +309,15 @@ def _check_range(lengths: _Floats, weights: _Floats, at: _Floats, hold: _Floats)
     )
 
 
-def _graph_of(graph: Any, length: str | None) -> tuple[list[Any], _asterism._Graph, float]:
-    """Also the longest edge, 1 if there is none."""
+def _graph_of(graph: Any, length: str | None) -> tuple[list[Any], _asterism._Graph, npt.NDArray[np.intp], _Floats]:
+    """Also the edges and their lengths."""
     nodes, pairs, lengths = _edges_of(graph, length)
-    return nodes, _asterism._Graph(len(nodes), pairs.astype(np.int64), lengths), float(lengths.max(initial=0)) or 1.0
+    return nodes, _asterism._Graph(len(nodes), pairs.astype(np.int64), lengths), pairs, lengths
+
+
+def _unit(lengths: _Floats) -> float:
+    """The longest edge, 1 if there is none."""
+    return float(lengths.max(initial=0)) or 1.0
 
 
 def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
@@ -642,9 +655,11 @@ def _draw(
     hold: _Floats,
     given: _Floats | None,
     power: float,
+    rules: _asterism._Rules | None = None,
+    is_refining: bool | None = None,
     **options: Any,
 ) -> Embedding:
-    """layout's method "sgd"."""
+    """layout's method "sgd". is_refining: by default if a start is given."""
     if not nodes:
         raise ValueError("there are no nodes")
     known = {"seed": (1, 0), "iterations": (0, 1), "threads": (0, 0)}  # by default and at least
@@ -663,7 +678,8 @@ def _draw(
         x = given.copy()
     exact = np.isinf(hold)
     x[exact] = at[exact]
-    x, summary = graph.draw(x, at, hold, power, is_refining=given is not None, **values)
+    values["is_refining"] = given is not None if is_refining is None else is_refining
+    x, summary = graph.draw(x, at, hold, power, **values, **({} if rules is None else {"rules": rules}))
     if summary.status == _asterism.Status.OUT_OF_MEMORY:
         raise MemoryError(f"{summary.solver}: {summary.message}")
     if not summary:
@@ -671,7 +687,87 @@ def _draw(
     stress = 2 * summary.final_energy
     if not (np.isfinite(stress) and np.isfinite(x).all()):
         raise ValueError(f"lengths of up to {unit}: another unit is needed, as the stress would leave the range of float64")
-    return Embedding(_in_rows(x, components, hold, unit), stress, 0.0, 1.0 if stress > 0 else 0.0, None, summary, None, nodes)
+    x = _in_rows(x, components, hold, unit) if rules is None else x
+    return Embedding(x, stress, 0.0, 1.0 if stress > 0 else 0.0, None, summary, None, nodes)
+
+
+def _free(
+    nodes: list[Any],
+    graph: _asterism._Graph,
+    unit: float,
+    components: list[_Indices],
+    at: _Floats,
+    hold: _Floats,
+    given: _Floats | None,
+    power: float,
+    method: str,
+    partners: int | None,
+    options: dict[str, Any],
+) -> Embedding:
+    """layout without rules."""
+    if method == "sgd":
+        return _draw(nodes, graph, unit, components, at, hold, given, power, **options)
+    if partners is None:
+        pairs, lengths = graph.pairs(sum(len(c) * (len(c) - 1) // 2 for c in components))
+        weights = _path_weights(lengths, power)
+    else:
+        options = {"tolerance": 1e-6, **options}  # below it only long paths change, and take five times as long
+        pairs, lengths, shares = graph.partners(_count(partners, "partners"), 1)
+        weights = shares * _path_weights(lengths, power)
+    return _embed(
+        *(nodes, pairs, lengths, weights, at, hold, given, at.shape[1], method, options, graph, components),
+        prove=partners is None,  # a proof of the sparse stress would take longer than the drawing
+    )
+
+
+def _ruled(
+    rules: Rules,
+    nodes: list[Any],
+    pairs: npt.NDArray[np.intp],
+    lengths: _Floats,
+    at: _Floats,
+    hold: _Floats,
+    given: _Floats | None,
+    power: float,
+    method: str,
+    partners: int | None,
+    options: dict[str, Any],
+) -> Embedding:
+    """layout with rules: the drawing without them, or the start given, and from there by the method "sgd" with them."""
+    n, dim = at.shape
+    edges, unit = pairs, _unit(lengths)
+    hubs = int(rules.groups.max(initial=-1)) + 1
+    if hubs:
+        more, radii = rules.hubs(float(np.median(lengths)) if len(lengths) else 1.0)
+        edges, lengths = np.concatenate([pairs, more]), np.concatenate([lengths, radii])
+        at, hold = np.concatenate([at, np.zeros((hubs, dim))]), np.concatenate([hold, np.zeros(hubs)])
+        if given is not None:
+            middles = [given[rules.groups == k].mean(axis=0) if (rules.groups == k).any() else given.mean(axis=0) for k in range(hubs)]
+            given = np.concatenate([given, middles])
+    everyone: list[Any] = list(range(n + hubs))
+    graph = _asterism._Graph(n + hubs, edges.astype(np.int64), lengths)
+    native = rules.native(at[:n], hold[:n], hubs)
+    components = _components(graph)
+    is_held = bool((hold > 0).any())
+    x = given
+    if x is None:
+        x = _free(everyone, graph, unit, components, at, hold, None, power, method, partners, options).x
+        if rules.have_heights and not is_held:
+            x = rules.turned(x)
+    in_a_row = rules.have_heights and not is_held and not hubs and not rules.is_aligned[0]
+    if in_a_row and given is None:
+        x = rules.in_a_row(x, components, unit)
+    is_refining = given is not None or not rules.have_heights
+    of_sgd = options if method == "sgd" else {}
+    found = _draw(everyone, graph, unit, components, at, hold, x, power, native, is_refining, **of_sgd)
+    x = found.x[:n]
+    if in_a_row:
+        x = rules.in_a_row(x, components, unit)
+    if not is_held:
+        middle = x.mean(axis=0)
+        middle[1] = 0 if (~np.isnan(rules.layers)).any() else middle[1]
+        x = x - middle
+    return dataclasses.replace(found, x=x, nodes=nodes)
 
 
 def _embed(

@@ -49,6 +49,7 @@ _OPTIONS: dict[str, tuple[str, str]] = {
     **dict.fromkeys(["init", "x0", "pos", "initial", "initialguess"], ("start", "")),
     **dict.fromkeys(["ncomponents", "ndim", "dims", "dimensions"], ("dim", "2 or 3")),
     **dict.fromkeys(["weight", "len"], ("length", "the attribute that is the length of an edge")),
+    **dict.fromkeys(["overlap", "nodesize", "nodesizes", "avoidoverlap", "avoidoverlaps"], ("sizes", "the width and the height of each box")),
     **dict.fromkeys(["w", "sampleweight"], ("weights", "")),
     **dict.fromkeys(["npivots", "pivots"], ("partners", "")),
     **dict.fromkeys(["minimizertype", "algorithm", "solver", "mode", "prog"], ("method", "")),

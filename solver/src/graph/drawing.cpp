@@ -9,6 +9,9 @@
 #include <limits>
 #include <new>
 #include <numeric>
+#include <optional>
+
+#include "ruled_points.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -177,6 +180,15 @@ class Drawing {
     measure();
   }
 
+  /// x keeps to the rules, which have to be right, and to live as long as this.
+  void set_rules(int dim, RuledPoints& rules) {
+    rules_ = &rules;
+    for (int k = 0; k < graph_[0].nodes(); ++k) {
+      for (int axis = 0; axis < dim; ++axis) is_held_.push_back(rules.is_fixed(k, axis) ? 1 : 0);
+    }
+    if (std::find(is_held_.begin(), is_held_.end(), 1) == is_held_.end()) is_held_.clear();
+  }
+
   /// Row k of x is node order()[k].
   const std::vector<int>& order() const { return order_; }
 
@@ -185,12 +197,14 @@ class Drawing {
               const std::vector<double>& weights) {
     Summary summary;
     summary.iterations = 0;
+    if (rules_ != nullptr) rules_->snap(x);
     const std::vector<double> start = x;
     pulls_.clear();
     for (std::size_t i = 0; i < weights.size(); ++i)
       pulls_.push_back(weights[i] > 0 ? weights[i] / std::max(components_[at(component_[i])].pairs, 1.0) : 0);
     std::vector<Sources> round, next = sources();
     std::vector<Batch> batches, others;
+    int moved = 0;  // the iteration
     while (!next.empty() || !round.empty()) {
       if (is_set(options_.stop) || is_bad_) break;
       // While one thread moves nodes by the pairs of the last round, others draw those of the next one.
@@ -200,8 +214,11 @@ class Drawing {
                               if (task > 0) {
                                 draw(next[at(task - 1)], paths_[at(worker)], others[at(task - 1)]);
                               } else {
-                                for (std::size_t k = 0; k < round.size(); ++k)
+                                for (std::size_t k = 0; k < round.size(); ++k) {
+                                  if (round[k].iteration != moved) push(x);
+                                  moved = round[k].iteration;
                                   move<Dim>(batches[k], x, anchors);
+                                }
                               }
                             });
       std::swap(batches, others);
@@ -215,12 +232,16 @@ class Drawing {
     }
     if (!summary.usable() || summary.status == Status::Interrupted) return summary;
     summary.iterations = options_.iterations;
+    constexpr int kPasses = 300;
+    int passes = 0;
+    if (rules_ != nullptr && !rules_->finish(x, kPasses, options_.stop, passes))
+      return detail::refused("sgd", kNoRoom);
     std::array<double, 2> energies = energies_of<Dim>(start, x, anchors, weights);
     if (is_set(options_.stop)) {
       summary.status = Status::Interrupted;
       return summary;
     }
-    if (!(energies[1] < energies[0])) {
+    if (rules_ == nullptr && !(energies[1] < energies[0])) {
       summary.status = Status::NoProgress;
       x = start;
       energies[1] = energies[0];
@@ -350,8 +371,13 @@ class Drawing {
     }
   }
 
+  void push(std::vector<double>& x) const {
+    if (rules_ != nullptr) rules_->push(x);
+  }
+
   template <int Dim>
   void move(const Batch& batch, std::vector<double>& x, const std::vector<double>& anchors) const {
+    const char* const held = is_held_.empty() ? nullptr : is_held_.data();
     std::size_t k = 0;
     for (const Star& star : batch.stars) {
       double from[Dim];
@@ -373,7 +399,9 @@ class Drawing {
         }
         const double share = std::min(1.0, star.step * pair.weight);
         const double factor = share * (pair.length / std::sqrt(square) - 1);
-        for (int c = 0; c < Dim; ++c) to[c] += factor * along[c];
+        for (int c = 0; c < Dim; ++c) {
+          if (held == nullptr || held[at(pair.node) * Dim + at(c)] == 0) to[c] += factor * along[c];
+        }
         if (pull == 0) continue;
         const double back = std::min(1.0, star.step * pull);
         for (int c = 0; c < Dim; ++c) to[c] += back * (anchors[at(pair.node) * Dim + at(c)] - to[c]);
@@ -440,6 +468,8 @@ class Drawing {
   std::size_t nearest_ = 0;
   std::vector<ShortestPaths> paths_;  // of each thread
   std::vector<double> pulls_;  // of the anchors, for each pair that moves a node; empty if there are none
+  RuledPoints* rules_ = nullptr;
+  std::vector<char> is_held_;  // coordinates that the rules give; empty if there are none
   std::vector<int> sequence_;  // of the sources of an iteration
   std::size_t position_ = 0;
   std::uint64_t number_ = 0;  // of the last source, counted from a random number
@@ -466,7 +496,7 @@ std::vector<double> pivot_start(const Graph& graph, int dim, const std::atomic<b
 }
 
 Summary draw_graph(const Graph& graph, int dim, std::span<double> x, const DrawingAnchors& anchors,
-                   const DrawingOptions& options) {
+                   const DrawingOptions& options, const DrawingRules& rules) {
   const detail::Stopwatch stopwatch;
   Summary summary;
   const auto work = [&] {
@@ -474,6 +504,15 @@ Summary draw_graph(const Graph& graph, int dim, std::span<double> x, const Drawi
     detail::require_memory(static_cast<double>(graph.nodes()) * (4 * sizeof(Pair) + 200));
     Drawing drawing(graph, options);
     const std::vector<int>& order = drawing.order();
+    std::optional<RuledPoints> ruled;
+    if (!rules.empty()) {
+      ruled.emplace(dim, graph.nodes(), rules, order);
+      if (!ruled->error().empty()) {
+        summary = detail::refused("sgd", std::string_view(ruled->error()));
+        return;
+      }
+      drawing.set_rules(dim, *ruled);
+    }
     std::vector<double> points, positions, weights;
     for (const int node : order) {
       for (std::size_t c = at(node) * at(dim); c < at(node + 1) * at(dim); ++c) {

@@ -3,6 +3,7 @@
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/export.hpp>
 #include <asterism/solver/graph/graph.hpp>
+#include <asterism/solver/graph/rules.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <atomic>
 #include <cstdint>
@@ -50,8 +51,13 @@ ASTERISM_API std::vector<double> pivot_start(const Graph& graph, int dim,
 /// that of the x given, from the same ones. If it is not lower, x is as it was, with Status::NoProgress;
 /// Status::MaxIterations otherwise. Of Status::Interrupted both are -1. InvalidInput for a weight beyond the
 /// range of double, as that of a path of length 0, and OutOfMemory.
+///
+/// With rules, x keeps to them exactly, even if its stress is then higher than that of the x given. After
+/// each iteration, one pass moves apart what breaks a rule, and in the end x is moved as by apply_rules.
+/// InvalidInput also where apply_rules has it.
 ASTERISM_API Summary draw_graph(const Graph& graph, int dim, std::span<double> x,
-                                const DrawingAnchors& anchors, const DrawingOptions& options);
+                                const DrawingAnchors& anchors, const DrawingOptions& options,
+                                const DrawingRules& rules = {});
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism
