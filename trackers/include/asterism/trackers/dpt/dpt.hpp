@@ -7,6 +7,7 @@
 #include <asterism/trackers/constellation/spring_solvers.hpp>
 #include <asterism/trackers/constellation/stiffness.hpp>
 #include <asterism/trackers/constellation/transform.hpp>
+#include <asterism/trackers/dpt/box_judge.hpp>
 #include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/dpt/scale_share.hpp>
 #include <functional>
@@ -163,6 +164,7 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   DptOptions options_;
   CoarseLayer coarse_;
   ScaleShare scale_;
+  BoxJudge judge_;
   std::vector<AnyPart> parts_;
   Size2 part_size_ = Size2::Zero();  // in the image [px]
   SpringConstellation<System> constellation_;
