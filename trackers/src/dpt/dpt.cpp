@@ -78,7 +78,7 @@ void Dpt::for_each_part(F&& f) {
 void Dpt::start(const Frame& frame, const cv::Rect2d& box) {
   coarse_.init(frame, box);
   scale_.init(frame, coarse_.pose());
-  judge_.init(frame, box);
+  if (options_.judge) judge_.init(frame, box);
 
   const int rows = options_.grid_rows, cols = options_.grid_cols;
   const double stride = 1 - options_.overlap;  // [sides of a part]
@@ -94,7 +94,7 @@ void Dpt::start(const Frame& frame, const cv::Rect2d& box) {
 
 TrackResult Dpt::standing() const {
   TrackResult result = constellation_.standing(coarse_.pose(), part_size_);
-  result.probability = 0;  // the frame does not show the scene
+  if (options_.judge) result.probability = 0;  // the frame does not show the scene
   return result;
 }
 
@@ -140,9 +140,11 @@ TrackResult Dpt::follow(const Frame& frame) {
 
   result.box = coarse_.pose().box();
   result.angle = coarse_.pose().angle();
-  result.probability = judge_.update(frame, result.box);
-  result.lost = *result.probability < BoxJudge::kLostBelow;
-  result.times.push_back({"judge", clock.lap()});
+  if (options_.judge) {
+    result.probability = judge_.update(frame, result.box);
+    result.lost = *result.probability < BoxJudge::kLostBelow;
+    result.times.push_back({"judge", clock.lap()});
+  }
   return result;
 }
 

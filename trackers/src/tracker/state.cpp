@@ -54,7 +54,7 @@ void Dpt::visit_learned(StateArchive& archive) {
   archive.begin("dpt", same);
   coarse_.visit_state(archive);
   scale_.visit_state(archive);
-  judge_.visit_state(archive);
+  if (options_.judge) judge_.visit_state(archive);
   archive.size(part_size_);
   constellation_.visit_placement(archive);
   for (AnyPart& part : parts_) part.visit_state(archive);

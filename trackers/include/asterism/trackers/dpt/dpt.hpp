@@ -88,6 +88,10 @@ struct DptOptions {
   /// and changes nothing else.
   bool certify = false;
 
+  /// Compare each box with the first frame: TrackResult::probability, and `lost` where it is below one half
+  /// (BoxJudge, whose weights were fitted to the boxes of dpt_plus). If false, a weak response is a loss.
+  bool judge = false;
+
   /// Number of threads that search and train the parts, including the calling one; 0: as many as the machine
   /// runs at once, at most 256. Results are the same, bit for bit, for any number.
   int threads = 1;
