@@ -115,21 +115,21 @@ TEST_P(Interrupted, GoesOnInAnotherSceneAtLast) {
   }
 }
 
-// A tracker that is lost has no box to keep: it searches on.
+// A tracker whose response is weak has no box to keep: it searches on.
 TEST_P(Interrupted, HoldsNothingWhereTheObjectWasLostBefore) {
   for (const testing::Interruption& kind : testing::interruptions()) {
     if (kind.name != "inverted" && kind.name != "letterbox" && kind.name != "other_video") continue;
     SCOPED_TRACE(kind.name);
     AnyTracker tracker = running();
-    bool lost = false;
-    for (int i = 0; i < 60 && !lost; ++i) {  // something else is where the object was
+    bool weak = false;
+    for (int i = 0; i < 60 && !weak; ++i) {  // something else is where the object was
       cv::Mat image = draw_frame(kSeen);
       noise({200, 200}, 31, 0, 255, static_cast<std::uint64_t>(100 + i))
           .copyTo(image(cv::Rect(20, 10, 200, 200)));
       const TrackResult result = tracker.update(image);
-      lost = result.lost && !result.interrupted;
+      weak = result.is_weak() && !result.interrupted;
     }
-    if (!lost) continue;  // it followed that
+    if (!weak) continue;  // it followed that
     EXPECT_FALSE(tracker.update(kind.show(draw_frame(kSeen), 0, 1)).interrupted);
   }
 }

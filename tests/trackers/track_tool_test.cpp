@@ -41,7 +41,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kFrames = 20;
-constexpr char kHeader[] = "frame,x,y,width,height,confidence,lost,milliseconds";
+constexpr char kHeader[] = "frame,x,y,width,height,confidence,lost,milliseconds,probability";
 
 std::string read(const fs::path& path) {
   std::ifstream file(path);
@@ -53,6 +53,16 @@ std::vector<std::string> lines_of(const fs::path& path) {
   std::ifstream file(path);
   for (std::string line; std::getline(file, line);) lines.push_back(line);
   return lines;
+}
+
+// Of a line of the CSV; the last is NaN for a tracker without a probability, which leaves the field empty.
+std::vector<double> numbers_of(const std::string& line) {
+  return parse_numbers(line + (line.ends_with(',') ? "nan" : ""));
+}
+
+// The line without milliseconds and probability.
+std::string without_time(const std::string& line) {
+  return line.substr(0, line.rfind(',', line.rfind(',') - 1));
 }
 
 class TrackTool : public testing::Test {
@@ -124,14 +134,15 @@ class TrackTool : public testing::Test {
     EXPECT_EQ(lines[0], kHeader);
     for (int i = 0; i < count; ++i) {
       const std::string& line = lines[static_cast<size_t>(i) + 1];
-      const std::vector<double> v = parse_numbers(line);
-      ASSERT_EQ(v.size(), 8u) << line;
+      const std::vector<double> v = numbers_of(line);
+      ASSERT_EQ(v.size(), 9u) << line;
       EXPECT_EQ(v[0], first + i);
       EXPECT_GT(overlap({v[1], v[2], v[3], v[4]}, true_box(first + i - 1)), i == 0 ? 0.999 : 0.6)
           << "frame " << v[0];
       EXPECT_TRUE(v[5] >= 0 && v[5] <= 1) << v[5];
       EXPECT_TRUE(v[6] == 0 || v[6] == 1) << v[6];
       EXPECT_GE(v[7], 0);
+      EXPECT_TRUE(std::isnan(v[8]) || (v[8] >= 0 && v[8] <= 1)) << v[8];
     }
   }
 
@@ -196,17 +207,17 @@ TEST_F(TrackTool, FollowsSeveralObjects) {
   EXPECT_TRUE(err_.starts_with("kcf: 2 objects, 20 frames, ")) << err_;
   const std::vector<std::string> lines = lines_of(folder_ / "boxes.csv");
   ASSERT_EQ(lines.size(), 2u * kFrames + 1);
-  EXPECT_EQ(lines[0], "frame,id,x,y,width,height,confidence,lost,milliseconds");
+  EXPECT_EQ(lines[0], "frame,id,x,y,width,height,confidence,lost,milliseconds,probability");
   // The first object's boxes are the same as alone.
   ASSERT_EQ(run(path("images") + kBox + " --out " + path("alone.csv")), 0) << err_;
   const std::vector<std::string> alone = lines_of(folder_ / "alone.csv");
   for (size_t i = 1; i < lines.size(); ++i) {
-    const std::vector<double> v = parse_numbers(lines[i]);
-    ASSERT_EQ(v.size(), 9u) << lines[i];
+    const std::vector<double> v = numbers_of(lines[i]);
+    ASSERT_EQ(v.size(), 10u) << lines[i];
     const size_t frame = (i + 1) / 2;
     EXPECT_EQ(v[0], static_cast<double>(frame));
     EXPECT_EQ(v[1], i % 2 == 1 ? 1 : 2);
-    const std::vector<double> w = parse_numbers(alone[frame]);
+    const std::vector<double> w = numbers_of(alone[frame]);
     for (size_t k = 1; i % 2 == 1 && k < 7; ++k) EXPECT_EQ(v[k + 1], w[k]) << lines[i];
     if (i % 2 == 0) {
       EXPECT_GT(overlap({v[2], v[3], v[4], v[5]}, {200, 150, 50, 40}), 0.6);
@@ -412,7 +423,7 @@ TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
     const cv::Rect2d start_box = recorded_box(origin.at("start_box")), box = recorded_box(origin.at("box"));
     EXPECT_LT((step(centre_of(start_box)) - centre_of(box)).norm(), 1e-6);
     EXPECT_NEAR(step.scale * start_box.width, box.width, 1e-6);
-    const std::vector<double> line = parse_numbers(lines_of(path("boxes.csv"))[static_cast<size_t>(frame)]);
+    const std::vector<double> line = numbers_of(lines_of(path("boxes.csv"))[static_cast<size_t>(frame)]);
     EXPECT_NEAR(box.x, line[1], 1e-3);
     EXPECT_FALSE(origin.contains("true_box")) << "there is no ground truth";
     EXPECT_FALSE(origin.contains("true_placement"));
@@ -425,8 +436,7 @@ TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
   ASSERT_EQ(run(images + " --out " + path("alone.csv"), false), 0) << err_;
   const std::vector<std::string> with = lines_of(path("boxes.csv")), without = lines_of(path("alone.csv"));
   ASSERT_EQ(with.size(), without.size());
-  const auto box = [](const std::string& line) { return line.substr(0, line.rfind(',')); };  // no time
-  for (size_t i = 0; i < with.size(); ++i) EXPECT_EQ(box(with[i]), box(without[i]));
+  for (size_t i = 0; i < with.size(); ++i) EXPECT_EQ(without_time(with[i]), without_time(without[i]));
 }
 
 TEST_F(TrackTool, RecordsTheAnnotatedPlacement) {
@@ -719,8 +729,7 @@ TEST_F(TrackTool, TakesARangeForDeepImages) {
   expect_boxes(path("boxes.csv"), 1, 5);
   const auto boxes = [&] {
     std::string text;
-    for (const std::string& line : lines_of(path("boxes.csv")))
-      text += line.substr(0, line.rfind(',')) + "\n";
+    for (const std::string& line : lines_of(path("boxes.csv"))) text += without_time(line) + "\n";
     return text;
   };
   const std::string expected = boxes();
@@ -801,7 +810,7 @@ TEST_F(TrackTool, KeepsWhatThereIsWhenInterrupted) {
     ASSERT_GE(lines.size(), 6u);
     EXPECT_LT(lines.size(), 3000u);
     EXPECT_EQ(read(csv).back(), '\n');
-    for (size_t i = 1; i < lines.size(); ++i) EXPECT_EQ(parse_numbers(lines[i]).size(), 8u) << lines[i];
+    for (size_t i = 1; i < lines.size(); ++i) EXPECT_EQ(numbers_of(lines[i]).size(), 9u) << lines[i];
     EXPECT_FALSE(cv::imread(sheet).empty());
     cv::VideoCapture video(save);
     size_t frames = 0;

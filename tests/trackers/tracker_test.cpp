@@ -388,13 +388,25 @@ TEST(Coarse, AnyModelCanBeTheRoot) {
 }
 #endif
 
-// The tracker reports that the object has vanished.
-TEST(Coarse, ReportsALostTarget) {
+// The tracker reports that the object has vanished: at once that the response is weak and, where the box is
+// judged by the first frame, after some frames that the object is lost.
+TEST(Dpt, ReportsALostTarget) {
   const Scene scene;
-  Dpt tracker;
-  tracker.init(scene.frame(0), Scene::box(0));
-  for (int t = 1; t <= 10; ++t) EXPECT_FALSE(tracker.update(scene.frame(t)).lost);
-  EXPECT_TRUE(tracker.update(cv::Mat(240, 320, CV_8UC3, cv::Scalar(20, 200, 20))).lost);
+  const cv::Mat empty(240, 320, CV_8UC3, cv::Scalar(20, 200, 20));
+  for (const bool judge : {false, true}) {
+    DptOptions options;
+    options.judge = judge;
+    Dpt tracker(options);
+    tracker.init(scene.frame(0), Scene::box(0));
+    for (int t = 1; t <= 10; ++t) EXPECT_FALSE(tracker.update(scene.frame(t)).lost);
+    TrackResult result = tracker.update(empty);
+    EXPECT_TRUE(result.is_weak());
+    EXPECT_EQ(result.lost, !judge);
+    EXPECT_EQ(result.probability.has_value(), judge);
+    for (int i = 0; i < 20; ++i) result = tracker.update(empty);
+    EXPECT_TRUE(result.lost);
+    EXPECT_LT(result.probability.value_or(0), 0.2);
+  }
 }
 
 // The mean posterior of the box leads to the object where the filter finds nothing.

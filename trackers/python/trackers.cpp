@@ -365,11 +365,11 @@ py::tuple fields_of(const TrackResult& r) {
   for (const StageTime& time : r.times)
     times.append(py::make_tuple(std::string(time.stage), time.milliseconds));
   return py::make_tuple(tuple_of(r.box), r.angle, r.confidence, r.lost, r.interrupted, covariance,
-                        r.certified, r.parts, r.update_threshold, links, times);
+                        r.certified, r.parts, r.update_threshold, links, times, r.probability, r.weak);
 }
 
 TrackResult result_of(const py::tuple& state) {
-  const Fields fields(state, 11);
+  const Fields fields(state, 13);
   TrackResult r;
   const auto box = fields[0].cast<std::array<double, 4>>();
   r.box = cv::Rect2d(box[0], box[1], box[2], box[3]);
@@ -384,6 +384,8 @@ TrackResult result_of(const py::tuple& state) {
   for (const auto& [i, j] : fields[9].cast<std::vector<std::pair<int, int>>>()) r.links.push_back({i, j});
   for (const auto& [stage, time] : fields[10].cast<std::vector<std::pair<std::string, double>>>())
     r.times.push_back({interned(stage), time});
+  from_field(fields[11], r.probability);
+  from_field(fields[12], r.weak);
   return r;
 }
 
@@ -419,6 +421,9 @@ void bind_trackers(py::module_& m) {
       .def_readonly("angle", &TrackResult::angle,
                     "By how much the object has turned since init [rad, from the x axis towards the y axis].")
       .def_readonly("confidence", &TrackResult::confidence, "In [0, 1].")
+      .def_readonly("probability", &TrackResult::probability,
+                    "That the box overlaps the object, in [0, 1]; 0 in an interrupted frame. None where the "
+                    "tracker has none.")
       .def_readonly("lost", &TrackResult::lost,
                     "The tracker reports that it has lost the object; the box is its best guess.")
       .def_readonly("interrupted", &TrackResult::interrupted,

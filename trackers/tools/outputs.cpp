@@ -39,7 +39,8 @@ CsvFile::CsvFile(const std::string& path, bool several)
     if (!file_) throw std::runtime_error("cannot write " + name_ + why());
     stream_ = &file_;
   }
-  write(std::string(several ? "frame,id" : "frame") + ",x,y,width,height,confidence,lost,milliseconds\n");
+  write(std::string(several ? "frame,id" : "frame") +
+        ",x,y,width,height,confidence,lost,milliseconds,probability\n");
 }
 
 void CsvFile::add(int frame, std::span<const TrackResult> objects, double milliseconds) {
@@ -53,6 +54,8 @@ void CsvFile::add(int frame, std::span<const TrackResult> objects, double millis
     }
     lines += result.lost ? ",1," : ",0,";
     append(lines, milliseconds, 3);
+    lines += ',';
+    if (result.probability) append(lines, *result.probability, 3);
     lines += '\n';
   }
   write(lines);

@@ -10,8 +10,8 @@
 
 namespace asterism::tools {
 
-/// Boxes as lines of `frame,x,y,width,height,confidence,lost,milliseconds`, each flushed at once; for several
-/// objects `frame,id,x,..`. All functions throw std::runtime_error if the file cannot be written.
+/// Boxes as lines of `frame,x,y,width,height,confidence,lost,milliseconds,probability`, each flushed at once;
+/// for several objects `frame,id,x,..`. All functions throw std::runtime_error if the file cannot be written.
 class CsvFile {
  public:
   /// `path` "-" is standard output.

@@ -155,7 +155,7 @@ void FollowedFrame::learn(const Frame& frame, const SceneView& frame_view, const
   const double sum = result.box.x + result.box.y + result.box.width + result.box.height;
   if (std::isfinite(sum) && !result.box.empty()) box = result.box;
   confidence = result.confidence;
-  lost = result.lost;
+  weak = result.is_weak();
   view = frame_view;
   blanks = blanks_about(box, frame);
 }
@@ -175,7 +175,7 @@ Sight FollowedFrame::compare(const Frame& frame, const SceneView& frame_view) co
 }
 
 bool FollowedFrame::is_found(const TrackResult& result) const {
-  return !result.lost && result.confidence >= kLeastConfidence * confidence;
+  return !result.is_weak() && result.confidence >= kLeastConfidence * confidence;
 }
 
 }  // namespace ASTERISM_ABI

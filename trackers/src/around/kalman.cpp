@@ -60,9 +60,10 @@ KalmanTracker::KalmanTracker(AnyTracker tracker, const KalmanOptions& options)
 double KalmanTracker::mean_side() const { return std::exp(filter_.position().z()); }
 
 Eigen::Matrix3d KalmanTracker::covariance_of(const TrackResult& result) const {
-  if (result.covariance) return (result.lost ? options_.lost_factor : 1) * *result.covariance;
+  const double factor = result.is_weak() ? options_.lost_factor : 1;
+  if (result.covariance) return factor * *result.covariance;
   const double centre = options_.deviation * std::exp(log_mean_side(result.box));
-  return (result.lost ? options_.lost_factor : 1) *
+  return factor *
          Eigen::Vector3d(centre, centre, options_.size_deviation).cwiseAbs2().asDiagonal().toDenseMatrix();
 }
 

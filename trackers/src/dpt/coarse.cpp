@@ -44,13 +44,14 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
     estimate.color_milliseconds = clock.lap();
   }
   evidence_ = estimate.evidence;
-  estimate.lost = !(estimate.similarity >= options_.lost_below);
+  estimate.weak = !(estimate.similarity >= options_.lost_below);
   return estimate;
 }
 
 void CoarseLayer::report(const Estimate& estimate, TrackResult& result) const {
   result.confidence = std::clamp(estimate.similarity, 0.0, 1.0);
-  result.lost = estimate.lost;
+  result.lost = estimate.weak;
+  result.weak = estimate.weak;
   result.times.push_back({"root", estimate.root_milliseconds});
   result.times.push_back({"color", estimate.color_milliseconds});
 }

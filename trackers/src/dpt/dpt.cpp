@@ -78,6 +78,7 @@ void Dpt::for_each_part(F&& f) {
 void Dpt::start(const Frame& frame, const cv::Rect2d& box) {
   coarse_.init(frame, box);
   scale_.init(frame, coarse_.pose());
+  if (options_.judge) judge_.init(frame, box);
 
   const int rows = options_.grid_rows, cols = options_.grid_cols;
   const double stride = 1 - options_.overlap;  // [sides of a part]
@@ -91,11 +92,15 @@ void Dpt::start(const Frame& frame, const cv::Rect2d& box) {
   constellation_.system().set_rest_lengths(x);
 }
 
-TrackResult Dpt::standing() const { return constellation_.standing(coarse_.pose(), part_size_); }
+TrackResult Dpt::standing() const {
+  TrackResult result = constellation_.standing(coarse_.pose(), part_size_);
+  if (options_.judge) result.probability = 0;  // the frame does not show the scene
+  return result;
+}
 
 TrackResult Dpt::follow(const Frame& frame) {
   TrackResult result;
-  result.times.reserve(9);  // including those that update(image) adds
+  result.times.reserve(10);  // including those that update(image) adds
 
   // 1: Coarsely estimate the object position by the root node and displace the mid-level parts.
   const CoarseLayer::Estimate root = coarse_.localize(frame);
@@ -135,6 +140,11 @@ TrackResult Dpt::follow(const Frame& frame) {
 
   result.box = coarse_.pose().box();
   result.angle = coarse_.pose().angle();
+  if (options_.judge) {
+    result.probability = judge_.update(frame, result.box);
+    result.lost = *result.probability < BoxJudge::kLostBelow;
+    result.times.push_back({"judge", clock.lap()});
+  }
   return result;
 }
 

@@ -54,6 +54,7 @@ void Dpt::visit_learned(StateArchive& archive) {
   archive.begin("dpt", same);
   coarse_.visit_state(archive);
   scale_.visit_state(archive);
+  if (options_.judge) judge_.visit_state(archive);
   archive.size(part_size_);
   constellation_.visit_placement(archive);
   for (AnyPart& part : parts_) part.visit_state(archive);
@@ -134,7 +135,7 @@ void FollowedFrame::visit_state(StateArchive& archive) {
   visit_box(archive, box);
   archive(confidence);
   archive.require(confidence >= 0 && confidence <= 1);
-  archive(lost);
+  archive(weak);
   const auto visit = [&archive](auto& cells, int side) {
     cv::Mat image(side, side, CV_8UC1, cells.data());
     archive.pixels(image, image.size(), 1);

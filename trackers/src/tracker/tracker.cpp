@@ -97,6 +97,7 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
     filter.color_channels = true;
     options.coarse.root = SpatialReliability(filter);
     options.scale_filter_share = 1;
+    options.judge = true;
     options.solver = {"newton", {}};
     return options;
   }

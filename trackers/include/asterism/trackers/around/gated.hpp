@@ -67,7 +67,7 @@ class GatedTracker {
         before_ = Followed(now_);
         hidden_ = sight == Sight::Hidden;
       }
-      held_ = before_->frame.lost ? 0 : 1;
+      held_ = before_->frame.weak ? 0 : 1;
     }
     TrackResult result = follow();
     now_.frame.learn(frame, view, result);

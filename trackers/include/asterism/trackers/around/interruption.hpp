@@ -58,7 +58,7 @@ struct ASTERISM_API FollowedFrame {
 
   cv::Rect2d box;                                      ///< the tracker's
   double confidence = 0;                               ///< its own
-  bool lost = false;                                   ///< the tracker reported that it has lost the object
+  bool weak = false;                                   ///< TrackResult::is_weak
   SceneView view;                                      ///< of the whole frame
   std::array<std::uint8_t, kCells * kCells> blanks{};  ///< 1 for a cell about the object of one gray level
 };

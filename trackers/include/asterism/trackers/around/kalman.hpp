@@ -48,7 +48,8 @@ struct KalmanOptions {
   /// Standard deviation of a box from the object if its tracker gives no covariance, in [1e-6, 1e6]: of the
   /// centre on each axis [mean sides], and of the size.
   double deviation = 0.05, size_deviation = 0.05;
-  /// Factor of the covariance of a box that its tracker considers lost, in [1, 1e12].
+  /// Factor of the covariance of a box that its tracker does not rely on (TrackResult::is_weak), in [1,
+  /// 1e12].
   double lost_factor = 100;
 };
 

@@ -33,8 +33,8 @@ struct CoarseOptions {
   double color_share = 0;
   /// Refine the maximum below the spacing of the root's grid. The paper leaves this open.
   bool sub_pixel = true;
-  /// The target is lost if the peak of the root's response is below this. Of the paper's quantities only this
-  /// response judges the whole target; docs/results/evaluation.md has the figures behind the value.
+  /// The root's response is weak (TrackResult::weak) if its peak is below this. Then the target is lost,
+  /// unless the tracker has a probability (BoxJudge) that says it better.
   double lost_below = 0.2;
 };
 
@@ -53,7 +53,7 @@ class ASTERISM_API CoarseLayer {
     Evidence evidence;              ///< of the density of Eq. 4
     double similarity = 0;          ///< the root filter's own response at the position
     Segmentation segmentation;      ///< of the search window, empty where the color model is off
-    bool lost = false;              ///< `similarity` is below CoarseOptions::lost_below
+    bool weak = false;              ///< `similarity` is below CoarseOptions::lost_below
     double root_milliseconds = 0;   ///< wall-clock time of the root filter
     double color_milliseconds = 0;  ///< of the color model
   };

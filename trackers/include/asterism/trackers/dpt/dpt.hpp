@@ -7,6 +7,7 @@
 #include <asterism/trackers/constellation/spring_solvers.hpp>
 #include <asterism/trackers/constellation/stiffness.hpp>
 #include <asterism/trackers/constellation/transform.hpp>
+#include <asterism/trackers/dpt/box_judge.hpp>
 #include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/dpt/scale_share.hpp>
 #include <functional>
@@ -87,6 +88,10 @@ struct DptOptions {
   /// and changes nothing else.
   bool certify = false;
 
+  /// Compare each box with the first frame: TrackResult::probability, and `lost` where it is below one half
+  /// (BoxJudge, whose weights were fitted to the boxes of dpt_plus). If false, a weak response is a loss.
+  bool judge = false;
+
   /// Number of threads that search and train the parts, including the calling one; 0: as many as the machine
   /// runs at once, at most 256. Results are the same, bit for bit, for any number.
   int threads = 1;
@@ -163,6 +168,7 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   DptOptions options_;
   CoarseLayer coarse_;
   ScaleShare scale_;
+  BoxJudge judge_;
   std::vector<AnyPart> parts_;
   Size2 part_size_ = Size2::Zero();  // in the image [px]
   SpringConstellation<System> constellation_;

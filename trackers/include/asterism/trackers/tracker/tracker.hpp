@@ -46,7 +46,13 @@ struct TrackResult {
   /// 0 for trackers without parts. `box` is the object's box turned back upright.
   double angle = 0;
   double confidence = 0;  ///< in [0, 1]
-  bool lost = false;      ///< the tracker reports that it has lost the object
+  /// The probability that the box overlaps the object, in [0, 1] (BoxJudge); 0 in an interrupted frame. Empty
+  /// if the tracker has none.
+  std::optional<double> probability;
+  bool lost = false;  ///< the tracker reports that it has lost the object
+  /// The response in this frame is too weak to rely on its box (CoarseOptions::lost_below), whatever the
+  /// frames before say. GatedTracker and KalmanTracker go by it. Empty: as `lost`.
+  std::optional<bool> weak;
   /// The frame shows nothing of the scene (GatedTracker): the box is that of the frame before, moved into the
   /// image if that is smaller now. `lost` is set, too.
   bool interrupted = false;
@@ -67,6 +73,9 @@ struct TrackResult {
   std::array<cv::Point2d, 4> corners(const PartState& part) const {
     return turned(box_around(part.position, part.size), angle);
   }
+
+  /// `weak`, or `lost` where that is empty.
+  bool is_weak() const { return weak.value_or(lost); }
 
   /// Of all stages together.
   double milliseconds() const {

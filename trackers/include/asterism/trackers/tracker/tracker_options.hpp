@@ -53,6 +53,7 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("stiffness", options.stiffness);
   visit("solver", options.solver, options.solver.name);
   visit("certify", options.certify);
+  visit("judge", options.judge);
   visit("threads", options.threads, {0, 256});
 }
 
