@@ -90,15 +90,13 @@ py::tuple locate_all(const RangeBatch& batch, const LocateOptions& options, int 
 /// What asterism.locate_path finds.
 py::dict path(const py::array_t<double>& steps, const py::array_t<double>& beacons,
               const py::array_t<double>& pose, const py::array_t<int>& beacon,
-              const py::array_t<double>& range, const py::array_t<double>& sigma,
-              const PathOptions& options) {
-  PathEstimate found;
-  {
-    const std::span<const int> to{beacon.data(), static_cast<std::size_t>(beacon.size())};
-    const PathMeasurements measurements{span(steps), span(beacons), span(pose), to, span(range), span(sigma)};
-    const py::gil_scoped_release release;
-    found = locate_path(measurements, options);
-  }
+              const py::array_t<double>& range, const py::array_t<double>& sigma, PathOptions options) {
+  const std::span<const int> to{beacon.data(), static_cast<std::size_t>(beacon.size())};
+  const PathMeasurements measurements{span(steps), span(beacons), span(pose), to, span(range), span(sigma)};
+  const PathEstimate found = interruptible([&](const std::atomic<bool>& stop) {
+    options.stop = &stop;
+    return locate_path(measurements, options);
+  });
   const std::string text(std::string_view{found.message});
   if (found.status == Status::InvalidInput || found.status == Status::NumericalFailure)
     throw py::value_error(text);

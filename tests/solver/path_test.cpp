@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <asterism/solver/ranges/path.hpp>
+#include <atomic>
 #include <cmath>
 #include <complex>
 #include <limits>
@@ -161,6 +162,19 @@ TEST(LocatePath, SaysWhatIsWrong) {
               std::fill(d.steps.begin(), d.steps.end(), 0.0);
             }).find("the robot does not move"),
             std::string::npos);
+}
+
+TEST(LocatePath, EndsWhereAskedTo) {
+  const Drive drive(200, 0.1);
+  std::atomic<bool> stop{true};
+  PathOptions options;
+  options.stop = &stop;
+  const PathEstimate path = locate_path(drive.measurements(), options);
+  EXPECT_EQ(path.status, Status::Interrupted);
+  EXPECT_EQ(text(path), "asked to stop");
+  EXPECT_TRUE(path.x.empty());
+  stop = false;
+  EXPECT_EQ(locate_path(drive.measurements(), options).status, Status::Converged);
 }
 
 TEST(PathStream, IsTheBatch) {

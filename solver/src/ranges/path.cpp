@@ -47,7 +47,7 @@ Complex complex_of(const Point& p) { return {p[0], p[1]}; }
 class PathSolver {
  public:
   PathSolver(const PathMeasurements& given, const PathOptions& options)
-      : given_(given), options_(options), chain_(terms_) {}
+      : given_(given), options_(options), chain_(terms_), descent_(options.stop) {}
 
   PathEstimate run() {
     result_.status = Status::InvalidInput;
@@ -55,7 +55,12 @@ class PathSolver {
     attach();
     if (!determined()) return std::move(result_);
     grow();
-    if (result_.status == Status::NotRun) finish();
+    if (!descent_.stopped()) finish();
+    if (descent_.stopped()) {
+      result_ = PathEstimate{};
+      result_.status = Status::Interrupted;
+      result_.message = "asked to stop";
+    }
     return std::move(result_);
   }
 
@@ -340,7 +345,7 @@ class PathSolver {
       descent_.graduate(chain_, terms_, bound_);
       converged_ = descent_.run(chain_, bound_, options_.max_iterations);
       estimate_turn_sigma(is_last ? 40 : 3);
-      if (is_last) return;
+      if (is_last || descent_.stopped()) return;
       stage = std::min(nodes, 2 * stage);
     }
   }
@@ -349,7 +354,7 @@ class PathSolver {
   /// divided by how many of them the data determine. It stands still where the evidence is stationary.
   void estimate_turn_sigma(int rounds) {
     if (options_.turn_sigma > 0 || chain_.nodes() < 4) return;
-    for (int i = 0; i < rounds; ++i) {
+    for (int i = 0; i < rounds && !descent_.stopped(); ++i) {
       if (!factorize()) return;
       chain_.invert(inverse_);
       const double ratio = turn_ratio();
@@ -406,7 +411,7 @@ class PathSolver {
     write_beacons();
     write_residuals();
     if (options_.lower_bound) {
-      ranges::PathBound bound(terms_, chain_, bound_);
+      ranges::PathBound bound(terms_, chain_, bound_, options_.stop);
       result_.lower_bound = bound.run(anchors_ == 0 && terms_.start_weight == 0, result_.energy);
       result_.iterations += bound.iterations();
     }

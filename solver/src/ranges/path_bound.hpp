@@ -3,6 +3,7 @@
 // A lower bound of the least squares energy of a path: docs/locate.md.
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -20,8 +21,8 @@ namespace ranges {
 /// complex coordinates for each position, where the bound is larger (the relaxation of Burer and Monteiro).
 class PathBound {
  public:
-  PathBound(const PathTerms& terms, const PathChain<2>& minimum, double bound)
-      : terms_(terms), quadratic_(terms), lifted_(terms) {
+  PathBound(const PathTerms& terms, const PathChain<2>& minimum, double bound, const std::atomic<bool>* stop)
+      : terms_(terms), quadratic_(terms), lifted_(terms), descent_(stop) {
     quadratic_.x = minimum.x;
     quadratic_.beacons = minimum.beacons;
     weights_.resize(terms.ranges.size());
@@ -42,7 +43,7 @@ class PathBound {
     if (best >= enough) return std::min(best, energy);
     lift();
     double last = -std::numeric_limits<double>::infinity();
-    for (int round = 0; round < 5 && best < enough; ++round) {
+    for (int round = 0; round < 5 && best < enough && !descent_.stopped(); ++round) {
       const bool is_minimum = descent_.run(lifted_, 0, 8);
       const double bound = bound_at(lifted_);
       best = std::max(best, bound);

@@ -2,6 +2,8 @@
 
 // Newton's method, damped where it has to be, for the energy of a path.
 
+#include <atomic>
+
 #include "path_chain.hpp"
 
 namespace asterism {
@@ -11,12 +13,16 @@ namespace ranges {
 template <int K>
 class PathDescent {
  public:
+  /// Ends once *stop is true, if it is given.
+  explicit PathDescent(const std::atomic<bool>* stop = nullptr) : stop_(stop) {}
+
+  bool stopped() const { return stop_ != nullptr && stop_->load(std::memory_order_relaxed); }
   /// Minimises the chain's energy from where it is. Returns whether it has converged.
   bool run(PathChain<K>& chain, double bound, int max_iterations) {
     damping_ = 0;
     Curvature curvature = Curvature::Convex;
     double energy = chain.energy(bound);
-    for (int i = 0; i < max_iterations && std::isfinite(energy); ++i) {
+    for (int i = 0; i < max_iterations && std::isfinite(energy) && !stopped(); ++i) {
       const double decrement = step(chain, bound, curvature, energy);
       if (decrement < 0) continue;  // no step; damping has grown
       if (decrement < 1e-3 * (1 + energy)) curvature = Curvature::True;
@@ -41,7 +47,7 @@ class PathDescent {
       largest = std::max(largest, terms.ranges[i].information * e * e);
     }
     damping_ = 0;
-    for (double stage = 2 * largest; stage > bound && std::isfinite(stage); stage /= 2) {
+    for (double stage = 2 * largest; stage > bound && std::isfinite(stage) && !stopped(); stage /= 2) {
       double energy = chain.energy(stage);
       for (int tries = 0; tries < 5 && step(chain, stage, Curvature::Convex, energy) < 0; ++tries) {
       }
@@ -104,6 +110,7 @@ class PathDescent {
     move(chain);
   }
 
+  const std::atomic<bool>* stop_;
   std::vector<typename PathChain<K>::Point> step_, old_, old_beacons_;
   Eigen::VectorXd beacon_step_;
   Curvature used_ = Curvature::Convex;

@@ -4,6 +4,7 @@
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/run/status.hpp>
+#include <atomic>
 #include <cstddef>
 #include <limits>
 #include <memory>
@@ -50,6 +51,8 @@ struct PathOptions {
   bool covariance = true;    ///< whether covariances are wanted
   bool lower_bound = true;   ///< whether the bound is wanted
   int max_iterations = 200;  ///< of each descent, >= 1
+  /// If given, tested in every iteration: once it is true, the status is Interrupted, and there is no path.
+  const std::atomic<bool>* stop = nullptr;
 
   /// Null if the options are valid, otherwise what is wrong.
   const char* problem() const;
@@ -57,10 +60,11 @@ struct PathOptions {
 
 /// What locate_path() finds. A path is at a local minimum of its energy.
 struct PathEstimate {
-  Status status = Status::NotRun;  ///< Converged, MaxIterations, InvalidInput or NumericalFailure
-  Message message;                 ///< what is wrong, or what the beacons do not determine; may be empty
-  std::vector<double> x;           ///< (poses, 2) [m]
-  std::vector<double> heading;     ///< (poses) [rad], in (-pi, pi]
+  Status status =
+      Status::NotRun;           ///< Converged, MaxIterations, InvalidInput, NumericalFailure or Interrupted
+  Message message;              ///< what is wrong, or what the beacons do not determine; may be empty
+  std::vector<double> x;        ///< (poses, 2) [m]
+  std::vector<double> heading;  ///< (poses) [rad], in (-pi, pi]
   std::vector<double> covariance;  ///< (poses, 2, 2), by Laplace's approximation [m^2]; empty if not wanted
   std::vector<double> beacons;     ///< (M, 2): the known ones as they were given [m]
   std::vector<double> beacon_covariance;  ///< (M, 2, 2): zero for known ones [m^2]; empty if not wanted
