@@ -16,6 +16,9 @@
 #include "bindings.hpp"
 #include "interrupts.hpp"
 
+template <>
+inline constexpr bool kIsBoundToPython<asterism::DrawingRules> = true;
+
 namespace asterism::python {
 
 namespace {

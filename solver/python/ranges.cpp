@@ -12,6 +12,9 @@
 #include "bindings.hpp"
 #include "interrupts.hpp"
 
+template <>
+inline constexpr bool kIsBoundToPython<asterism::PathStream> = true;
+
 namespace asterism::python {
 
 namespace {

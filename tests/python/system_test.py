@@ -363,7 +363,7 @@ class FormulaTest(unittest.TestCase):
         system.add_offsets(links, offsets, stiffness=2)
         x = turned.copy()
         summary, transform = system.solve_turning(x)
-        self.assertEqual(summary.status, asterism.Status.Converged)
+        self.assertEqual(summary.status, asterism.Status.CONVERGED)
         rows = np.zeros((2 * (5 + len(links)), 12))
         right = np.zeros(len(rows))
         rows[:10, :10] = np.sqrt(0.3) * np.eye(10)

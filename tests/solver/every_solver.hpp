@@ -6,7 +6,6 @@
 #include <asterism/solver.hpp>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 namespace asterism {
@@ -29,14 +28,8 @@ template <template <typename> typename SolverOf, typename System>
 SolverKind<System> solver_kind() {
   using S = SolverOf<System>;
   return {S::name(), [] { return AnySolver<System>(S()); },
-          []([[maybe_unused]] const System& system, const SolverOptions& options) {
-            if constexpr (requires { S(system, options); }) {
-              return AnySolver<System>(S(system, options));
-            } else {
-              S solver;
-              static_cast<SolverOptions&>(solver.options) = options;
-              return AnySolver<System>(std::move(solver));
-            }
+          [](const System& system, const SolverOptions& options) {
+            return AnySolver<System>(S(system, options));
           }};
 }
 

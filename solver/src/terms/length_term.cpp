@@ -375,8 +375,10 @@ double LengthTerm::hooke_sum(const Points& x, Points* gradient) const {
   double* const forces = gradient == nullptr ? nullptr : gradient->data();
   const int* node = nodes().data();
   const int count = size();
-  double twice = 0;  // the energy
+  constexpr int kPart = 16;    // sums of parts are rounded less than one sum
+  double twice = 0, part = 0;  // the energy
   for (int e = 0; e < count; ++e, node += kArity) {
+    if (e % kPart == 0) twice += std::exchange(part, 0);
     double v[D], square = 0;
     for (int c = 0; c < D; ++c) {
       v[c] = points[D * node[0] + c];
@@ -386,17 +388,17 @@ double LengthTerm::hooke_sum(const Points& x, Points* gradient) const {
     const double k = *stiffness[e], r = std::sqrt(square), stretch = r - *length[e];
     const double tension = k * stretch, across = tension / r;
     if (!(square >= lanes_v0_1::kLeastLengthSquare && detail::is_finite(across) && k > 0)) [[unlikely]] {
-      twice += 2 * sum<D>(x, e, e + 1, gradient);
+      part += 2 * sum<D>(x, e, e + 1, gradient);
       continue;
     }
-    twice += tension * stretch;
+    part += tension * stretch;
     if (forces == nullptr) continue;
     for (int c = 0; c < D; ++c) {
       const double pull = across * v[c];
       for (int a = 0; a < kArity; ++a) forces[D * node[a] + c] += kCoefficients[a] * pull;
     }
   }
-  return twice / 2;
+  return (twice + part) / 2;
 }
 
 // The same for links that are many times as many as their nodes, by vectors of them.
