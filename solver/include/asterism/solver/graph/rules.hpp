@@ -35,6 +35,7 @@ struct DrawingRules {
   /// different groups cannot be aligned.
   std::vector<int> groups;
 
+  /// Whether there is none.
   bool empty() const {
     return sizes.empty() && separations.empty() && fixed.empty() && aligned.empty() && groups.empty();
   }
