@@ -308,7 +308,7 @@ void parts_bench(bool quick) {
   std::printf("\nA target of 100 pixels, detect and train\n");
   for (const Item& item : roots) std::printf("  %-30s %8.2f ms\n", item.name.c_str(), 1e3 * item.time());
 
-  Bars bars(quick, "");
+  Bars bars(quick, false, "");
   std::printf("\n%-46s %-42s %-22s %s\n", "", "measured", "bar", "aim");
   bars.at_most("root and four parts, detect and train", "%.2f ms", 1e3 * five.time(), 1.5, 1.0);
 #ifdef ASTERISM_BENCH_OPENCV_TRACKING
