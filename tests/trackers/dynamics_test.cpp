@@ -131,8 +131,8 @@ Eigen::Matrix2Xd positions(const TrackResult& result) {
 TEST(BoxCovariance, IsThatOfBoxesOfSampledConstellations) {
   Evidence evidence{Point2::Zero(), 0.8, Eigen::Matrix2d(Eigen::Vector2d(0.1, 0.4).asDiagonal())};
   DptOptions options = stub_options(wobbling, evidence);
-  std::optional<Dpt::System> solved;
-  options.on_solve = [&](const DptSolve& solve) { solved = solve.system; };
+  std::optional<SpringSystem<double, 2>> solved;
+  options.on_solve = [&](const DptSolve& solve) { solved = springs_of(solve.springs); };
   for (const TransformModel model : {TransformModel::Euclidean, TransformModel::Similarity}) {
     options.transform = model;
     Dpt tracker(options);

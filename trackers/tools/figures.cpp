@@ -159,19 +159,19 @@ cv::Mat draw_solve(const cv::Mat& frame, const SolveWatch::Solve& solve, const T
     const Pen pen{panel, view};
     for (Eigen::Index i = 0; i < x.cols(); ++i) {
       pen.box(box_around(x.col(i), result.parts[static_cast<std::size_t>(i)].size), kAxis, 1);
-      pen.line(x.col(i), solve.system.anchors.col(i), kWhite, 1);
+      pen.line(x.col(i), solve.springs.anchors().col(i), kWhite, 1);
     }
     if (solved) pen.box(result.box, kYellow, 2);
-    for (int l = 0; const auto [i, j] : solve.system.links()) {
-      const double length = (x.col(i) - x.col(j)).norm(), nominal = solve.system.rest_length[l++];
+    for (int l = 0; const auto [i, j] : solve.springs.links()) {
+      const double length = (x.col(i) - x.col(j)).norm(), nominal = solve.springs.rest_lengths()(0, l++);
       const bool near = std::abs(length - nominal) <= kNominal * nominal;
       pen.line(x.col(i), x.col(j), near ? kWhite : length > nominal ? kOrange : kBlue, 2);
     }
     for (Eigen::Index i = 0; i < x.cols(); ++i) {
       pen.dot(x.col(i), kDark, 7);
       pen.dot(x.col(i), color_of(static_cast<std::size_t>(i), result.parts.size()), 5);
-      pen.cross(solve.system.anchors.col(i), kDark, 5, 7);
-      pen.cross(solve.system.anchors.col(i), color_of(static_cast<std::size_t>(i), result.parts.size()), 2,
+      pen.cross(solve.springs.anchors().col(i), kDark, 5, 7);
+      pen.cross(solve.springs.anchors().col(i), color_of(static_cast<std::size_t>(i), result.parts.size()), 2,
                 7);
     }
     const int left = solved ? kPanel + 4 : 0;

@@ -50,7 +50,7 @@ std::optional<GatedTracker<Dpt>> SolveWatch::make_tracker(const std::string& des
   if (dpt == nullptr) return {};
   DptOptions options = dpt->tracker().options();
   options.on_solve = [this](const DptSolve& solve) {
-    last_.emplace(Solve{solve.system,
+    last_.emplace(Solve{solve.springs,
                         solve.start,
                         {solve.evidence.begin(), solve.evidence.end()},
                         solve.start_box,
@@ -63,7 +63,7 @@ void SystemRecorder::write([[maybe_unused]] int frame, [[maybe_unused]] const So
                            [[maybe_unused]] const cv::Rect2d& box,
                            [[maybe_unused]] const std::optional<cv::Rect2d>& truth) {
 #ifdef ASTERISM_TRACK_HAS_JSON
-  const auto& [system, start, evidence, start_box, summary] = solve;
+  const auto& [springs, start, evidence, start_box, summary] = solve;
   if (first_box_.empty()) first_placement_ = start, first_box_ = start_box;
   nlohmann::json origin = {{"tracker", tracker_},
                            {"frame", frame},
@@ -89,7 +89,7 @@ void SystemRecorder::write([[maybe_unused]] int frame, [[maybe_unused]] const So
   }
   errno = 0;
   try {
-    write_system(file_, system, start, name_ + "/frame " + std::to_string(frame), origin.dump());
+    write_system(file_, springs_of(springs), start, name_ + "/frame " + std::to_string(frame), origin.dump());
   } catch (const std::exception& e) {
     throw std::runtime_error("frame " + std::to_string(frame) + ": " + e.what());
   }

@@ -13,7 +13,7 @@ namespace asterism::tools {
 class SolveWatch {
  public:
   struct Solve {
-    Dpt::System system;
+    SpringConstellation springs;
     Dpt::Placement start;
     std::vector<Evidence> evidence;
     cv::Rect2d start_box;

@@ -116,7 +116,8 @@ double dot(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) { return a.cwiseP
 }  // namespace
 
 Summary SystemIda::solve(const System& system, Eigen::MatrixXd& x) const {
-  return SystemRun::solve(name(), options, system, x, [](SystemRun& run) {
+  const double relaxation = options.relaxation;
+  return SystemRun::solve(name(), options, system, x, [relaxation](SystemRun& run) {
     if (const std::string missing = missing_curvature(run.system(), Curvature::Majorising);
         !missing.empty()) {
       run.summary().message = std::string_view("the method needs a majoriser: " + missing);
@@ -132,9 +133,9 @@ Summary SystemIda::solve(const System& system, Eigen::MatrixXd& x) const {
       return Status::NumericalFailure;
     }
     while (!run.is_over()) {
-      const Eigen::MatrixXd step = -factor.solve(run.gradient());  // Eq. (9) of the paper
+      const Eigen::MatrixXd step = -factor.solve(run.gradient());  // Eq. 19
       ++run.summary().linear_solves;
-      run.move_to(run.x() + step);
+      run.move_to(run.x() + relaxation * step);
       ++run.summary().iterations;
     }
     return run.end();

@@ -1,7 +1,9 @@
 #include <Eigen/LU>
 #include <algorithm>
+#include <asterism/solver/terms/solve.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
+#include <cmath>
 #include <map>
 #include <opencv2/imgproc.hpp>
 #include <utility>
@@ -9,19 +11,36 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
+namespace {
+
+// Of a symmetric matrix.
+double largest_eigenvalue(const Eigen::Matrix2d& matrix) {
+  return matrix.trace() / 2 + std::hypot((matrix(0, 0) - matrix(1, 1)) / 2, matrix(0, 1));
+}
+
+}  // namespace
+
 ElasticConstellation::ElasticConstellation(const ElasticOptions& options)
     : SpringConstellation(Topology<>::full(0)), options_(check_options("ElasticOptions", options)) {}
 
-void ElasticConstellation::assign(const Points& layout, const Points& placement, Topology<> topology) {
-  SpringConstellation::assign(placement, std::move(topology));
+void ElasticConstellation::assign(const Points& layout, const Points& placement, const Topology<>& topology) {
+  SpringConstellation::assign(placement, topology);
   layout_ = layout;
 }
 
 Summary ElasticConstellation::place(const ObjectPose& pose, std::span<const Evidence> evidence) {
   if (size() == 0) return {};
-  system().anchor_loss.scale = options_.reach * pose.mean_side();
-  set_anchors(evidence, [](const Evidence& part) {
-    return part.peak > 0 ? Eigen::Matrix2d(part.peak * part.covariance.inverse()) : Eigen::Matrix2d::Zero();
+  anchor_term().set_loss(Loss::GemanMcClure, options_.reach * pose.mean_side());
+  Eigen::MatrixXd& shapes =
+      anchor_term().values("information");  // of which the stiffness is the largest eigenvalue
+  shapes = Eigen::Vector4d(1, 0, 0, 1).replicate(1, size());
+  set_anchors(evidence, [&, i = 0](const Evidence& part) mutable {
+    auto shape = shapes.col(i++);
+    if (!(part.peak > 0)) return 0.0;
+    const Eigen::Matrix2d information = part.peak * part.covariance.inverse();
+    const double stiffness = largest_eigenvalue(information);
+    shape = (information / stiffness).reshaped();
+    return stiffness;
   });
   const double scale = pose.transform().scale;
   // Bounds the length to which the deviation is relative: parts may coincide.
@@ -31,7 +50,12 @@ Summary ElasticConstellation::place(const ObjectPose& pose, std::span<const Evid
     const double deviation = options_.deformation * std::max(length, shortest);
     return 1 / (deviation * deviation);
   });
-  return solve_elastic(system(), placement(), options_.solver);
+  AlignedOptions options(options_.solver);
+  options.hold_floating = true;
+  Eigen::MatrixXd x = placement();
+  const Summary summary = solve(system(), x, options);
+  placement() = x;
+  return summary;
 }
 
 ElasticConstellation::Points ElasticConstellation::posed(const ObjectPose& pose) const {

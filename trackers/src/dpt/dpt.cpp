@@ -1,6 +1,8 @@
 #include <array>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/executor.hpp>
+#include <asterism/solver/terms/registry.hpp>
+#include <asterism/solver/terms/solution.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
@@ -23,12 +25,11 @@ std::size_t parts_of_grid(const DptOptions& options) {
   return static_cast<std::size_t>(rows * cols);
 }
 
-Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options) {
+Topology<> make_topology(const DptOptions& options) {
   const int rows = options.grid_rows, cols = options.grid_cols;
-  using Links = Topology<Eigen::Dynamic, Dpt::kMaxParts>;
   switch (options.constellation) {
     case Constellation::Star:
-      return Links::star(rows * cols, rows / 2 * cols + cols / 2);
+      return Topology<>::star(rows * cols, rows / 2 * cols + cols / 2);
     case Constellation::Local: {
       // Links between parts that share a side.
       std::vector<Link> links;
@@ -37,12 +38,12 @@ Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options
           if (c + 1 < cols) links.push_back({r * cols + c, r * cols + c + 1});
           if (r + 1 < rows) links.push_back({r * cols + c, (r + 1) * cols + c});
         }
-      return Links::from_links(rows * cols, links);
+      return Topology<>::from_links(rows * cols, links);
     }
     case Constellation::Full:
       break;
   }
-  return Links::full(rows * cols);
+  return Topology<>::full(rows * cols);
 }
 
 }  // namespace
@@ -52,8 +53,9 @@ Dpt::Dpt(const DptOptions& options)
       coarse_(options.coarse),
       scale_(options.scale, options.scale_filter_share),
       parts_(parts_of_grid(options), options.part),
-      constellation_(make_topology(options)),
-      solver_(options.solver) {}
+      constellation_(make_topology(options)) {
+  system_solvers().make(options.solver);  // throws if there is none
+}
 
 template <typename F>
 void Dpt::for_each_part(F&& f) {
@@ -89,7 +91,7 @@ void Dpt::start(const Frame& frame, const cv::Rect2d& box) {
     x.col(i) = centre_of({corner.x(), corner.y(), part_size_.x(), part_size_.y()});
     parts_[static_cast<std::size_t>(i)].init(frame, x.col(i), part_size_);
   }
-  constellation_.system().set_rest_lengths(x);
+  constellation_.set_rest_lengths();
 }
 
 TrackResult Dpt::standing() const {
@@ -115,7 +117,7 @@ TrackResult Dpt::follow(const Frame& frame) {
   // 3: Estimate the MAP mid-level parts constellation by optimizing the energy of a dual spring system.
   const Placement start = x;
   result.covariance = estimate_map_constellation(x);
-  if (options_.certify) result.certified = is_certified(springs(), x);
+  if (options_.certify) result.certified = certify(constellation_.system(), x).certified();
   result.times.push_back({"springs", clock.lap()});
   if (options_.on_solve) {
     ObjectPose pose = coarse_.pose();
@@ -158,18 +160,20 @@ Dpt::Evidences Dpt::form_spring_system(const Frame& frame, const Placement& x) {
       [&](std::size_t i) { evidence[i] = parts_[i].localize(frame, x.col(static_cast<Eigen::Index>(i))); });
   // Eq. 11.
   constellation_.set_anchors({evidence.data(), parts_.size()}, [&](const Evidence& part) {
-    return Eigen::Matrix2d(static_stiffness(part, options_.stiffness) * Eigen::Matrix2d::Identity());
+    return static_stiffness(part, options_.stiffness);
   });
   // Eq. 12.
   constellation_.set_links([&](int i, int j, double rest_length) {
-    const auto& anchors = springs().anchors;
+    const Eigen::MatrixXd& anchors = constellation_.anchors();
     return dynamic_stiffness(rest_length, (anchors.col(i) - anchors.col(j)).norm(), options_.stiffness);
   });
   return evidence;
 }
 
 std::optional<Eigen::Matrix3d> Dpt::estimate_map_constellation(Placement& x) {
-  summary_ = solver_.solve(springs(), x);
+  Eigen::MatrixXd placement = x;
+  summary_ = system_solvers().make(options_.solver).solve(constellation_.system(), placement);
+  x = placement;
   return box_covariance(x);
 }
 
@@ -252,9 +256,11 @@ void Dpt::report_parts(const Evidences& evidence, TrackResult& result) const {
 }
 
 std::optional<Eigen::Matrix3d> Dpt::box_covariance(const Placement& x) const {
-  DptJacobian jacobian(3, x.size());
+  const Solution solution(constellation_.system(), x);
+  if (!solution) return std::nullopt;
+  Eigen::Matrix3Xd jacobian(3, x.size());
   fit_jacobian(constellation_.placement(), x, options_.transform, coarse_.pose().centre(), jacobian);
-  return propagated_covariance(springs(), x, jacobian);
+  return jacobian * solution.joint_covariance() * jacobian.transpose();
 }
 
 }  // namespace ASTERISM_ABI

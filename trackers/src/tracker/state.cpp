@@ -58,9 +58,7 @@ void Dpt::visit_learned(StateArchive& archive) {
   archive.size(part_size_);
   constellation_.visit_placement(archive);
   for (AnyPart& part : parts_) part.visit_state(archive);
-  auto& rest_length = constellation_.system().rest_length;
-  archive(rest_length);
-  archive.require((rest_length.array() >= 0).all());
+  constellation_.visit_rest_lengths(archive);
 }
 
 void ConstantVelocityFilter::visit_state(StateArchive& archive) {
@@ -89,22 +87,19 @@ void KalmanTracker::visit_learned(StateArchive& archive) {
 }
 
 void ElasticConstellation::visit_state(StateArchive& archive) {
-  int parts = size(), links = system().link_count();
-  bool full = system().topology().is_full();  // solvers have a faster path for it, which rounds differently
+  std::vector<Link> list = this->links();
+  int parts = size(), links = static_cast<int>(list.size());
   archive.count(parts, 2 * sizeof(Point2));
   layout_.resize(2, parts), placement().resize(2, parts);
   visit_points(archive, layout_);
   visit_points(archive, placement());
-  archive(full);
   archive.count(links, sizeof(Link));
-  std::vector<Link> list = this->links();
   list.resize(static_cast<std::size_t>(links));
   for (Link& link : list) archive(link.i), archive(link.j);
   if (!archive.loading()) return;
-  Topology<> topology = Topology<>::from_links(parts, list);
-  archive.require(!topology.defect() &&
-                  (!full || std::int64_t{2} * links == std::int64_t{parts} * (parts - 1)));
-  system() = System(full ? Topology<>::full(parts) : std::move(topology));
+  const Topology<> topology = Topology<>::from_links(parts, list);
+  archive.require(!topology.defect());
+  assign(layout_, placement(), topology);
 }
 
 void Lgt::visit_learned(StateArchive& archive) {

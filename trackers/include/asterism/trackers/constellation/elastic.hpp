@@ -6,7 +6,6 @@
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/trackers/constellation/pose.hpp>
 #include <asterism/trackers/constellation/spring_constellation.hpp>
-#include <asterism/trackers/constellation/spring_solvers.hpp>
 #include <asterism/trackers/constellation/transform.hpp>
 #include <span>
 
@@ -28,14 +27,14 @@ struct ElasticOptions {
 /// The energy is a negative log-probability. A part's position is distributed about that of its evidence with
 /// information peak x covariance^-1, under the loss of Geman and McClure, so that wrong evidence has little
 /// effect. A link's length is Gaussian about that in the layout, at the object's scale, by `deformation`.
-class ASTERISM_API ElasticConstellation : public SpringConstellation<ElasticSystem> {
+class ASTERISM_API ElasticConstellation : public SpringConstellation {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit ElasticConstellation(const ElasticOptions& options = {});
 
   /// Sets the parts and their links. layout: positions in the object (ObjectPose);
   /// placement: in the image.
-  void assign(const Points& layout, const Points& placement, Topology<> topology);
+  void assign(const Points& layout, const Points& placement, const Topology<>& topology);
   /// Moves the placement to the MAP placement, starting from the present one. Evidence of peak 0 has no
   /// anchor; its part is held by its links. If the solver fails, the placement stays as it was.
   Summary place(const ObjectPose& pose, std::span<const Evidence> evidence);

@@ -1,10 +1,9 @@
 #pragma once
 
 #include <array>
-#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/trackers/constellation/spring_constellation.hpp>
-#include <asterism/trackers/constellation/spring_solvers.hpp>
 #include <asterism/trackers/constellation/stiffness.hpp>
 #include <asterism/trackers/constellation/transform.hpp>
 #include <asterism/trackers/dpt/box_judge.hpp>
@@ -24,9 +23,9 @@ enum class Constellation { Full, Local, Star };
 /// What Dpt solves in a frame; it refers to the tracker's own data, which is valid during the call of
 /// DptOptions::on_solve.
 struct DptSolve {
-  const DptSystem& system;             ///< the springs of the frame
-  const DptSystem::Points& start;      ///< the placement that the solve was started from, 2 x N_p
-  std::span<const Evidence> evidence;  ///< of each part, from which the springs' stiffness follows
+  const SpringConstellation& springs;        ///< the springs of the frame
+  const SpringConstellation::Points& start;  ///< the placement that the solve was started from, 2 x N_p
+  std::span<const Evidence> evidence;        ///< of each part, from which the springs' stiffness follows
   /// The object's box that goes with `start`: that of the frame before, moved to the root's position. The
   /// box of the frame follows from it by the transform from `start` to the solution.
   cv::Rect2d start_box;
@@ -36,9 +35,7 @@ struct DptSolve {
 /// Options of Dpt; the paper's values (Sec. 3.1) are the defaults. Comments say what the paper leaves open.
 struct DptOptions {
   /// Maximum number of parts, grid_rows x grid_cols.
-  static constexpr int kMaxParts = DptSystem::kMaxNodes;
-  /// The type of its spring system.
-  using System = DptSystem;
+  static constexpr int kMaxParts = 16;
 
   /// The coarse layer: root and color.
   CoarseOptions coarse;
@@ -80,12 +77,11 @@ struct DptOptions {
 
   /// The parameters of the laws of all springs' stiffness.
   StiffnessLaw stiffness;
-  /// The solver that finds the placement of the parts, by its name (DptSolver), with its
-  /// options: "ida" is the paper's; "newton" finds the same minimum in a fraction of the iterations. The
-  /// paper leaves the stopping rule open; see docs/tracker.md.
+  /// The solver that finds the placement of the parts, one of system_methods(), with its options: "ida" is
+  /// the paper's; "newton" finds the same minimum in a fraction of the iterations. The paper leaves the
+  /// stopping rule open; see docs/tracker.md.
   SolverDescription solver = {"ida", {}};
-  /// Test whether the placement is proven to be the MAP: TrackResult::certified. Costs less than the solve
-  /// and changes nothing else.
+  /// Test whether the placement is proven to be the MAP: TrackResult::certified. Changes nothing else.
   bool certify = false;
 
   /// Compare each box with the first frame: TrackResult::probability, and `lost` where it is below one half
@@ -109,15 +105,13 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
  public:
   /// Parts at most.
   static constexpr int kMaxParts = DptOptions::kMaxParts;
-  /// The type of its spring system.
-  using System = DptOptions::System;
-  using Placement = System::Points;  ///< 2 x N_p, a part is a column
+  using Placement = SpringConstellation::Points;  ///< 2 x N_p, a part is a column
 
-  /// Throws std::invalid_argument for options out of range.
+  /// Throws std::invalid_argument for options out of range, and for an unknown solver.
   explicit Dpt(const DptOptions& options = DptOptions());
 
   /// The spring system of the last frame and how its solver stopped.
-  const System& springs() const { return constellation_.system(); }
+  const SpringConstellation& springs() const { return constellation_; }
   const Summary& summary() const { return summary_; }
   /// The coarse layer after the last frame.
   const CoarseLayer& coarse() const { return coarse_; }
@@ -171,8 +165,7 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   BoxJudge judge_;
   std::vector<AnyPart> parts_;
   Size2 part_size_ = Size2::Zero();  // in the image [px]
-  SpringConstellation<System> constellation_;
-  DptSolver solver_;
+  SpringConstellation constellation_;
   Summary summary_;
 };
 
