@@ -133,9 +133,9 @@ Summary SystemIda::solve(const System& system, Eigen::MatrixXd& x) const {
       return Status::NumericalFailure;
     }
     while (!run.is_over()) {
-      const Eigen::MatrixXd step = -factor.solve(run.gradient());  // Eq. 19
+      const Eigen::MatrixXd step = factor.solve(run.gradient());
       ++run.summary().linear_solves;
-      run.move_to(run.x() + relaxation * step);
+      run.move_by(-relaxation, step);  // Eq. 19
       ++run.summary().iterations;
     }
     return run.end();

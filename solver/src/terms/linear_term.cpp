@@ -117,26 +117,39 @@ void LinearTerm::for_each(const Points& x, Visit&& visit) const {
   }
 }
 
+// The energy of springs without a loss or information, as most are; adds its gradient unless that is null.
+template <int D, int kArity>
+double LinearTerm::plain_sum(const Points& x, Points* gradient) const {
+  const Numbers target = this->target(), stiffness = this->stiffness();
+  const double* const points = x.data();
+  double* const forces = gradient == nullptr ? nullptr : gradient->data();
+  const int* node = nodes().data();
+  double twice = 0;
+  for (int e = 0, count = size(); e < count; ++e, node += kArity) {
+    const double k = *stiffness[e];
+    if (!(k > 0)) continue;
+    const double* const at = target[e];
+    for (int c = 0; c < D; ++c) {
+      double d = points[D * node[0] + c] - at[c];
+      if (kArity == 2) d -= points[D * node[1] + c];
+      const double force = k * d;
+      twice += force * d;
+      if (forces == nullptr) continue;
+      forces[D * node[0] + c] += force;
+      if (kArity == 2) forces[D * node[1] + c] -= force;
+    }
+  }
+  return twice / 2;
+}
+
+// The same of any.
 template <int D>
 double LinearTerm::sum(const Points& x, Points* gradient) const {
-  double energy = 0;
-  if (D != Eigen::Dynamic && arity() <= 2 && loss() == Loss::Quadratic && !information()) {  // most of them
-    const Numbers target = this->target(), stiffness = this->stiffness();
-    for (int e = 0; e < size(); ++e) {
-      const double k = *stiffness[e];
-      if (!(k > 0)) continue;
-      const int* const node = nodes().data() + arity() * e;
-      for (int c = 0; c < D; ++c) {
-        double d = x.data()[D * node[0] + c] - target[e][c];
-        if (arity() == 2) d -= x.data()[D * node[1] + c];
-        energy += k / 2 * d * d;
-        if (gradient == nullptr) continue;
-        gradient->data()[D * node[0] + c] += k * d;
-        if (arity() == 2) gradient->data()[D * node[1] + c] -= k * d;
-      }
-    }
-    return energy;
+  if constexpr (D != Eigen::Dynamic) {
+    if (arity() <= 2 && loss() == Loss::Quadratic && !information())
+      return arity() == 1 ? plain_sum<D, 1>(x, gradient) : plain_sum<D, 2>(x, gradient);
   }
+  double energy = 0;
   for_each<D>(x, [&](int e, const Coefficient* c, const PointOf<D>&, const PointOf<D>& shaped,
                      const Derivatives<double>& rho, double k) {
     energy += k * rho.value / 2;

@@ -206,8 +206,17 @@ bool SystemRun::search(const Points& direction, double& step) {
 }
 
 void SystemRun::move_to(const Points& x) {
-  other_gradient_.swap(gradient_);
   *x_ = x;
+  evaluate_after_move();
+}
+
+void SystemRun::move_by(double factor, const Points& step) {
+  *x_ += factor * step;
+  evaluate_after_move();
+}
+
+void SystemRun::evaluate_after_move() {
+  other_gradient_.swap(gradient_);
   energy_ = energy_and_gradient(*system_, *x_, gradient_);
   lowest_ = std::min(lowest_, energy_);
   ++summary_.energy_evaluations, ++summary_.gradient_evaluations;

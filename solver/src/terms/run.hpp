@@ -51,8 +51,9 @@ class SystemRun {
   void align(bool allow_reflection);
   /// Reports an iterate of another method that this one calls; false where the caller asks to stop.
   bool pass_on(const Iteration& at);
-  /// Moves x to where the energy is known to be lower.
+  /// Moves x to where the energy is known to be lower: to another point, or by a multiple of a step.
   void move_to(const Points& x);
+  void move_by(double factor, const Points& step);
   /// The step along a direction up to which a quadratic model is trusted, 1 at most: as far as the nodes are
   /// from where their springs pull them, or the characteristic length. A robust loss may have little
   /// curvature, and beyond it none and no force.
@@ -69,6 +70,7 @@ class SystemRun {
   bool report();
   void judge(Status reason);
   double rounding(double energy) const;
+  void evaluate_after_move();
 
   AlignedOptions options_;
   const System* system_ = nullptr;

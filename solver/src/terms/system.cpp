@@ -352,11 +352,13 @@ double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, con
 
 namespace {
 
-// The norm, also where the square leaves the range of a double, which takes longer.
-double norm_of(const Eigen::Ref<const Eigen::VectorXd>& v) {
+// The norm of column i, also where the square leaves the range of a double, which takes longer.
+inline double norm_of(const Eigen::MatrixXd& vectors, Eigen::Index i) {
   constexpr double kLeast = std::numeric_limits<double>::min() / std::numeric_limits<double>::epsilon();
-  const double square = v.squaredNorm();
-  return square >= kLeast && is_finite(square) ? std::sqrt(square) : v.stableNorm();
+  const double* const v = vectors.data() + vectors.rows() * i;
+  double square = 0;
+  for (Eigen::Index d = 0; d < vectors.rows(); ++d) square += v[d] * v[d];
+  return square >= kLeast && is_finite(square) ? std::sqrt(square) : vectors.col(i).stableNorm();
 }
 
 }  // namespace
@@ -364,7 +366,7 @@ double norm_of(const Eigen::Ref<const Eigen::VectorXd>& v) {
 double SystemRule::stationarity(const Eigen::MatrixXd& gradient) const {
   double largest = 0;
   for (Eigen::Index i = 0; i < weights_.size(); ++i) {
-    const double value = norm_of(gradient.col(i)) * weights_[i];
+    const double value = norm_of(gradient, i) * weights_[i];
     if (!(value <= largest)) largest = value;
   }
   return largest;
@@ -374,7 +376,7 @@ bool SystemRule::is_rounding(const Eigen::MatrixXd& x, const Eigen::MatrixXd& gr
   constexpr double kRounding = 8 * std::numeric_limits<double>::epsilon();
   for (Eigen::Index i = 0; i < weights_.size(); ++i) {
     const double rounding = kRounding * (length_ + x.col(i).cwiseAbs().maxCoeff());
-    if (!(norm_of(gradient.col(i)) * weights_[i] * length_ <= rounding)) return false;
+    if (!(norm_of(gradient, i) * weights_[i] * length_ <= rounding)) return false;
   }
   return true;
 }

@@ -43,6 +43,8 @@ class ASTERISM_API LinearTerm : public Term {
  private:
   template <int D, typename Visit>
   void for_each(const Points& x, Visit&& visit) const;
+  template <int D, int kArity>
+  double plain_sum(const Points& x, Points* gradient) const;
   template <int D>
   double sum(const Points& x, Points* gradient) const;
   void add_plain_curvature(CurvatureSink& sink) const;
