@@ -5,6 +5,7 @@
 #include <asterism/solver/run/summary.hpp>
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bars.hpp"
@@ -14,6 +15,19 @@
 namespace asterism::bench {
 
 namespace {
+
+// Ratios for information alone.
+void without_targets(Bars& bars, const std::string& name, const std::vector<Problem>& all) {
+  const auto ratio = [&](const std::string& against, const std::pair<GapTimes, GapTimes>& times) {
+    bars.information(name + " against " + against + ", mean",
+                     format("%.3g x", times.second.mean_seconds / times.first.mean_seconds));
+  };
+  ratio("Ida", times_to_gap("newton", "ida", all));
+  ratio("straight code, LM", newton_and_straight_code(all));
+#ifdef ASTERISM_BENCH_CERES_TINY
+  ratio("Ceres TinySolver", times_to_gap("newton", "ceres-tiny", all));
+#endif
+}
 
 void speed(Bars& bars) {
   for (const testing::Kind kind : {testing::Kind::Lit, testing::Kind::Track}) {
@@ -38,6 +52,7 @@ void speed(Bars& bars) {
                       lit ? 18 : 6, lit ? 25 : 10);
 #endif
   }
+  without_targets(bars, "N=4 ORIG Newton", problems(testing::Kind::Orig, 4, bars.quick() ? 200 : 2000));
 }
 
 template <typename System>

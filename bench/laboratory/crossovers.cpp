@@ -67,12 +67,14 @@ void dense_crossovers() {
   std::printf("%-26s %9s  %9s  %9s  %9s  %9s  %9s  %9s  %s\n", "fully connected", "Newton", "L-BFGS",
               "Newton-CG", "Ida", "Anderson", "Chebyshev", "Auto", "energy");
   const auto candidates = solvers_named("newton,lbfgs,newton-cg-dense,ida,ida-anderson,ida-chebyshev");
-  for (const testing::Kind kind : {testing::Kind::Lit, testing::Kind::Track}) {
+  for (const testing::Kind kind : {testing::Kind::Lit, testing::Kind::Orig, testing::Kind::Track}) {
     for (const double weakness : {1.0, 1e-4}) {
       for (const int n : {4, 6, 9, 12, 16, 20, 25, 36, 64, 100}) {
         const int count = std::max(5, 400 / n);
         const auto systems = weakened(samples<System>(count, Topology<>::full(n), kind), weakness);
-        const std::string name = kind == testing::Kind::Lit ? "LIT" : "TRACK";
+        const std::string name = kind == testing::Kind::Lit    ? "LIT"
+                                 : kind == testing::Kind::Orig ? "ORIG"
+                                                               : "TRACK";
         row(name + format(", anchors x %g, N=%d", weakness, n), systems, candidates);
       }
     }
