@@ -704,6 +704,43 @@ TEST(SystemTie, AgreesWithSpringSystem) {
   }
 }
 
+// Algorithm 1 of the paper, for both kinds of systems, in dimensions and sizes that terms solve in other
+// ways.
+template <int kDim>
+void expect_the_steps_of_ida() {
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    for (const double relaxation : {1.0, 1.7}) {
+      SCOPED_TRACE(::testing::Message() << kDim << "-D, seed " << seed << ", relaxation " << relaxation);
+      Rng rng(seed);
+      const int n = seed % 4 == 0 ? 30 : 2 + static_cast<int>(seed);
+      SpringSystem<double, kDim> springs(Topology<>::full(n));
+      springs.anchors = random_points(rng, kDim, n, 30);
+      springs.set_rest_lengths(random_points(rng, kDim, n, 30));
+      springs.link_stiffness = random_values(rng, springs.link_count(), 0.1, 3);
+      springs.anchor_stiffness = random_values(rng, n, 0.01, 1);
+      if (seed % 3 == 0) springs.fix(0);
+      const MatrixXd start = random_points(rng, kDim, n, 30);
+      MatrixXd x = start;
+      typename SpringSystem<double, kDim>::Points y = start;
+      AnySolver<System> ida =
+          system_solvers().make("ida", {{"relaxation", relaxation}, {"max_iterations", 40}});
+      IdaOptions options;
+      options.relaxation = relaxation;
+      options.max_iterations = 40;
+      const Summary ours = ida.solve(to_system(springs), x), theirs = Ida(springs, options).solve(springs, y);
+      EXPECT_EQ(ours.iterations, theirs.iterations);
+      EXPECT_EQ(ours.status, theirs.status);
+      EXPECT_LE((x - y).cwiseAbs().maxCoeff(), 1e-9);
+      EXPECT_EQ(x.col(0) == start.col(0), seed % 3 == 0);
+    }
+  }
+}
+TEST(SystemTie, IdaTakesTheStepsOfThePaper) {
+  expect_the_steps_of_ida<1>();
+  expect_the_steps_of_ida<2>();
+  expect_the_steps_of_ida<3>();
+}
+
 TEST(SystemSolution, CovarianceIsTheInverseOfTheHessian) {
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {
     Rng rng(seed);
