@@ -16,7 +16,7 @@ _Indices = npt.NDArray[np.intp]
 __all__ = ["array", "entries", "is_sparse", "numbers", "pairs_of", "processors", "square"]
 
 # numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
-# become `missing`; where there is none, and for what is no array of real numbers, TypeError. ValueError for another shape.
+# become `missing`; where there is none, and for anything else than an array of real numbers, TypeError. ValueError for another shape.
 
 
 def array(values: Any, name: str, shape: tuple[int, ...], missing: float | None = None) -> _Floats:

@@ -123,7 +123,7 @@ def scaled_structure(
 class LoopyResult:
     """What loopy_structure finds."""
 
-    #: Status.CONVERGED: the energy is within gap of the lower bound. Status.NO_PROGRESS or Status.MAX_ITERATIONS: a gap is left.
+    #: Status.CONVERGED: the energy is within tolerance of the lower bound. Status.NO_PROGRESS or Status.MAX_ITERATIONS: it is not.
     status: _asterism.Status
     iterations: int
     #: Of the placement.
@@ -138,17 +138,17 @@ def loopy_structure(
     maps: Iterable[npt.ArrayLike],
     joints: Iterable[Joint],
     *,
-    gap: float = 1e-3,
+    tolerance: float = 1e-3,
     progress: float = 0.01,
     max_iterations: int = 200,
 ) -> LoopyResult:
     """A good placement of parts that are linked in any graph, and a lower bound of the energy of all placements.
 
-    maps and joints as for pictorial_structure, but joints may form cycles. Stops if the energy is proven to be within gap of the
-    least, or if ten iterations raise the bound by less than the share progress of the gap that is left. ValueError also if no
-    placement was found that the windows of lengths allow.
+    maps and joints as for pictorial_structure, but joints may form cycles. Stops if the energy is proven to be within tolerance
+    [units of the maps] of the least, or if ten iterations raise the bound by less than the share progress of its distance from the
+    energy. ValueError also if no placement was found that the windows of lengths allow.
     """
-    return LoopyResult(*_asterism._loopy_structure(*_problem(maps, joints), gap, progress, max_iterations))
+    return LoopyResult(*_asterism._loopy_structure(*_problem(maps, joints), tolerance, progress, max_iterations))
 
 
 def _several(count: int, distance: float) -> tuple[int, float]:
