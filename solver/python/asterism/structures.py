@@ -53,6 +53,8 @@ class PictorialResult:
     #: The energy and the positions of each placement that was asked for, the best one first.
     placements: list[tuple[float, npt.NDArray[np.int32]]]
 
+    __repr__ = inputs.brief
+
 
 def pictorial_structure(
     maps: Iterable[npt.ArrayLike], joints: Iterable[Joint], *, count: int = 1, distance: float = 0.0
@@ -96,6 +98,8 @@ class ScaledResult:
     #: The energy, the positions and the layers of each placement that was asked for, the best one first.
     placements: list[tuple[float, npt.NDArray[np.int32], npt.NDArray[np.int32]]]
 
+    __repr__ = inputs.brief
+
 
 def scaled_structure(
     maps: Iterable[npt.ArrayLike], joints: Iterable[Joint], scales: Sequence[float], *, count: int = 1, distance: float = 0.0
@@ -132,6 +136,8 @@ class LoopyResult:
     lower_bound: float
     #: The placement: (N, 2), the column x and the row y of each part in its map.
     positions: npt.NDArray[np.int32]
+
+    __repr__ = inputs.brief
 
 
 def loopy_structure(
