@@ -43,6 +43,15 @@ for t in range(6):
       --out - >/dev/null
 }
 
+# The next dialect of C++ warns of nothing in the headers that users include.
+newer_dialect() {
+  local header
+  for header in solver system trackers/tracker/tracker parts/concept/part_registry; do
+    echo "#include <asterism/$header.hpp>"
+  done | g++ -std=c++23 -fsyntax-only -Wall -Wextra -Wpedantic -Werror -Isolver/include -Iparts/include -Itrackers/include \
+    -isystem /usr/include/eigen3 -isystem /usr/include/opencv4 -x c++ -
+}
+
 step "packages" bash .ci/install-packages build test night petsc
 step "tests" bash tests/run.sh release -DASTERISM_LONG_TESTS=ON -DASTERISM_WITH_PETSC=ON
 # To be read, as they vary with the machine.
@@ -58,6 +67,7 @@ step "AddressSanitizer and UndefinedBehaviorSanitizer" bash tests/run.sh sanitiz
 step "ThreadSanitizer" bash tests/run.sh thread
 step "coverage" bash tests/coverage.sh
 step "valgrind" memcheck
+step "C++23" newer_dialect
 step "64-bit ARM" bash tests/arm.sh
 step "Debian packages" bash tests/package/debian.sh
 

@@ -13,7 +13,7 @@ namespace asterism::bench {
 
 namespace {
 
-constexpr std::size_t kColors = 8;
+constexpr std::size_t kColors = 9;
 constexpr double kWidth = 720;         // of every chart [px]
 constexpr double kTop = 34;            // below the title
 constexpr double kBottom = 44;         // for the ticks and the label of the horizontal axis
@@ -87,7 +87,8 @@ std::string marker(double x, double y, std::size_t tracker, std::string_view too
       "M0,5.8L5.4,-4.2H-5.4z",                                         // triangle that points down
       "M-1.8,-5.5h3.6v3.7h3.7v3.6h-3.7v3.7h-3.6v-3.7h-3.7v-3.6h3.7z",  // plus
       "M-6,0L-3,-5.2H3L6,0L3,5.2H-3z",                                 // hexagon
-      "M-5.8,0L4.2,-5.4V5.4z"};                                        // triangle that points left
+      "M-5.8,0L4.2,-5.4V5.4z",                                         // triangle that points left
+      "M5.8,0L-4.2,5.4V-5.4z"};                                        // triangle that points right
   return join("<path", attribute("class", join("marker ", classes_of(tracker))),
               attribute("transform", join("translate(", px(x), ",", px(y), ")")),
               attribute("d", kShapes[tracker % kColors]), ">",
@@ -314,6 +315,7 @@ std::string plot_style() {
   --ink: #0b0b0b; --soft: #52514e; --faint: #e1e0d9; --rule: #a5a49c; --paper: #fcfcfb; --alarm: #d0021b;
   --c0: #275cc1; --c1: #ad4308; --c2: #019873; --c3: #d98e00;
   --c4: #875c8f; --c5: #00a5fc; --c6: #623283; --c7: #84223b;
+  --c8: #3c000f;
   max-width: 100%; height: auto; overflow: visible;
   background: var(--paper); font: 12px system-ui, sans-serif;
 }
@@ -322,6 +324,7 @@ std::string plot_style() {
     --ink: #ffffff; --soft: #c3c2b7; --faint: #2c2c2a; --rule: #6b6a64; --paper: #1a1a19; --alarm: #ff5c5c;
     --c0: #0a8fb6; --c1: #fbb469; --c2: #00e6bf; --c3: #8c7507;
     --c4: #b1376b; --c5: #90ade9; --c6: #6356c2; --c7: #e17a70;
+    --c8: #ffef00;
   }
 }
 .plot text { fill: var(--ink); }
@@ -353,6 +356,7 @@ std::string plot_style() {
 .plot .c5 { --c: var(--c5); }
 .plot .c6 { --c: var(--c6); }
 .plot .c7 { --c: var(--c7); }
+.plot .c8 { --c: var(--c8); }
 )";
 }
 

@@ -108,7 +108,7 @@ void loops(Bars& bars, int stars) {
       link_all(star, rng, weight);
       LoopySummary summary;
       seconds.push_back(cpu_seconds_of([&] { summary = structure.solve(star.joints, star.maps, best); }));
-      gaps.push_back(summary.gap());
+      gaps.push_back(summary.energy - summary.lower_bound);
       iterations.push_back(summary.iterations);
       closed += summary.status == Status::Converged;
     }

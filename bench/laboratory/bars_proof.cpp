@@ -234,7 +234,7 @@ void sparse_bar(Bars& bars) {
   const std::string name = format("%d nodes, six nearest: ", nodes);
   bars.times_faster(name + "certify against two factorisations of IDA", certify,
                     is_factored && certificate.lower_bound > 0 ? 2 * factor : 0, 1, 2);
-  bars.line(name + "gap that it leaves", format("%.2g", certificate.relative_gap()), "-", "-", true, true);
+  bars.line(name + "gap that it leaves", format("%.2g", certificate.gap()), "-", "-", true, true);
 }
 
 }  // namespace

@@ -66,7 +66,7 @@ void dense_crossovers() {
   std::printf("CPU time of a solve to stationarity %g [us], median; * the fastest\n\n", kTolerance);
   std::printf("%-26s %9s  %9s  %9s  %9s  %9s  %9s  %9s  %s\n", "fully connected", "Newton", "L-BFGS",
               "Newton-CG", "Ida", "Anderson", "Chebyshev", "Auto", "energy");
-  const auto candidates = solvers_named("newton,lbfgs,newton-cg-dense,ida,ida-anderson,ida-chebyshev");
+  const auto candidates = solvers_named("newton,lbfgs,newton-cg,ida,ida-anderson,ida-chebyshev");
   for (const testing::Kind kind : {testing::Kind::Lit, testing::Kind::Orig, testing::Kind::Track}) {
     for (const double weakness : {1.0, 1e-4}) {
       for (const int n : {4, 6, 9, 12, 16, 20, 25, 36, 64, 100}) {

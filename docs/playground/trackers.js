@@ -21,7 +21,10 @@ for (const tracker of TRACKERS) {
   tracker.isGated = tracker.frames.some((f) => f.threshold > 0);
 }
 
-let tracker = TRACKERS[0], at = 0, selected = -1, isPlaying = false, began = 0, isDirty = true, stateTimer = 0;
+// The page opens where the object begins to pass behind the post, so that parts and springs are seen.
+const OPENING = 46;
+
+let tracker = TRACKERS[0], at = OPENING, selected = -1, isPlaying = false, began = 0, isDirty = true, stateTimer = 0;
 const answer = () => tracker.frames[at];
 
 // --- Images -------------------------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ html_show_copyright = False
 html_show_sphinx = False
 html_static_path = ['static', '/usr/share/javascript/katex']  # Debian's libjs-katex: equations without a network
 html_css_files = ['site.css', 'katex.min.css']
-html_js_files = ['katex.min.js', 'contrib/auto-render.js', 'copy.js']
+html_js_files = ['katex.min.js', 'contrib/auto-render.js', 'copy.js', 'fold.js']
 html_favicon = 'static/favicon.svg'
 mathjax_path = 'equations.js'  # in the place of MathJax
 mathjax_options = {'defer': 'defer'}
@@ -76,8 +76,8 @@ def read_source(app, page, source):
 MAX_UNBROKEN, MIN_TEXT = 28, 60  # characters: a figure with its interval, a sentence
 
 
-def mark_cells(_, document):
-    """Classes for site.css, which tells figures from sentences by them, and tables of two columns from others."""
+def mark_cells(app, document):
+    """Classes for site.css, which tells figures from sentences by them, and tables of two columns and those of options from others."""
     for cell in document.findall(nodes.entry):
         size = len(cell.astext())
         if size <= MAX_UNBROKEN:
@@ -87,6 +87,8 @@ def mark_cells(_, document):
     for group in document.findall(nodes.tgroup):
         if group['cols'] == 2:
             group.parent['classes'].append('pairs')
+        elif group['cols'] == 4 and app.env.docname == 'options':
+            group.parent['classes'].append('options')
 
 
 def mark_charts(app, document):

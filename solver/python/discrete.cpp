@@ -183,11 +183,11 @@ py::tuple solve_scaled(const py::list& maps, const py::object& ends, const py::o
   return py::make_tuple(best.energy, positions_of(best), layers_of(best), structure.root(), marginals, all);
 }
 
-py::tuple solve_loopy(const py::list& maps, const py::object& ends, const py::object& costs, double gap,
+py::tuple solve_loopy(const py::list& maps, const py::object& ends, const py::object& costs, double tolerance,
                       double progress, int max_iterations) {
   const Problem problem = problem_of(maps, ends, costs);
   LoopyStructure structure;
-  structure.options = {.gap = gap, .progress = progress, .max_iterations = max_iterations};
+  structure.options = {.tolerance = tolerance, .progress = progress, .max_iterations = max_iterations};
   PartPlacement best;
   LoopySummary summary;
   interruptible([&](const std::atomic<bool>& stop) {
@@ -208,8 +208,8 @@ void bind_discrete(py::module_& m) {
         py::arg("count"), py::arg("distance"));
   m.def("_scaled_structure", &solve_scaled, py::arg("maps"), py::arg("ends"), py::arg("costs"),
         py::arg("scales"), py::arg("count"), py::arg("distance"));
-  m.def("_loopy_structure", &solve_loopy, py::arg("maps"), py::arg("ends"), py::arg("costs"), py::arg("gap"),
-        py::arg("progress"), py::arg("max_iterations"));
+  m.def("_loopy_structure", &solve_loopy, py::arg("maps"), py::arg("ends"), py::arg("costs"),
+        py::arg("tolerance"), py::arg("progress"), py::arg("max_iterations"));
 }
 
 }  // namespace asterism::python

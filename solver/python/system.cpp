@@ -273,7 +273,7 @@ class TermSystem : public std::enable_shared_from_this<TermSystem> {
 
   class Handle;
 
-  /// Adds a term that is valid but for its values.
+  /// Adds a term whose values may still be invalid.
   std::shared_ptr<Handle> add(std::unique_ptr<Term> term, OwnFunction own) {
     Term& added = change().add(std::move(term));
     slots_.push_back({&added, std::move(own), {}});
@@ -913,7 +913,7 @@ void bind_system(py::module_& m) {
             system.remove_nodes(list_of(nodes_of(nodes, "nodes", 1, system.nodes())));
           },
           py::arg("nodes"),
-          "Removes nodes, and the elements that have one of them; the others are numbered anew, in their "
+          "Removes nodes, and the elements that have one of them; the others are numbered again, in their "
           "order.")
       .def(
           "remove", [](TermSystem& self, const TermHandle& term) { self.remove(term); }, py::arg("term"),

@@ -424,7 +424,7 @@ void bind_systems(py::module_& m) {
           "Why no more is proven, or empty.")
       .def_readonly("energy", &Certificate::energy, "E(x).")
       .def_readonly("lower_bound", &Certificate::lower_bound, "No placement has less energy.")
-      .def_property_readonly("gap", &Certificate::relative_gap, "(energy - lower_bound) / energy.")
+      .def_property_readonly("gap", &Certificate::gap, "(energy - lower_bound) / energy.")
       .def_readonly("least_eigenvalue", &Certificate::least_eigenvalue,
                     "A bound of W's least eigenvalue: from below if W is positive definite, otherwise\n"
                     "from above; NaN if unknown.")

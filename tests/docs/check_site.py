@@ -57,6 +57,14 @@ def style_addresses(text):
     return [next(filter(None, groups), '') for groups in IN_STYLE.findall(text)]
 
 
+def has_place(target, place, pages):
+    """Whether the page has an element of that name or, for a state of the playground, the system that it names."""
+    preset = re.fullmatch(r'preset=([\w-]+)', place)
+    if preset and (target.parent / 'presets.js').is_file():
+        return f"['{preset[1]}'," in (target.parent / 'presets.js').read_text(encoding='utf-8')
+    return place in pages[target].places
+
+
 def link_problems(site, pages, left_out):
     styles = {path: style_addresses(path.read_text(encoding='utf-8')) for path in sorted(site.rglob('*.css'))}
     for path, addresses in [*((path, page.addresses) for path, page in pages.items()), *styles.items()]:
@@ -70,7 +78,7 @@ def link_problems(site, pages, left_out):
                 yield f'{path.relative_to(site)}: {address} is outside of the site'
             elif not target.is_file() and target.resolve() not in left_out:
                 yield f'{path.relative_to(site)}: {address} is not in the site'
-            elif place and place != 'top' and target.is_file() and target.suffix == '.html' and place not in pages[target.resolve()].places:
+            elif place and place != 'top' and target.is_file() and target.suffix == '.html' and not has_place(target.resolve(), place, pages):
                 yield f'{path.relative_to(site)}: {address}: the page has no place of that name'
 
 

@@ -48,6 +48,11 @@ class CheckSite(unittest.TestCase):
             self.assertIn('page.html: none.css is not in the site', self.problems(**{'page.html': f'<style>{style}</style>'}))
         self.assertEqual(self.problems(**{'_static/own.css': '/* @import "none.css"; */ a { background: url(data:image/png;base64,x) }'}), '')
 
+    def test_systems_of_the_playground(self):
+        playground = {'playground/playground.html': '', 'playground/presets.js': "['cloth', 'A cloth']"}
+        self.assertEqual(self.problems(**playground, **{'page.html': '<a href="playground/playground.html#preset=cloth">'}), '')
+        self.assertIn('no place of that name', self.problems(**playground, **{'page.html': '<a href="playground/playground.html#preset=none">'}))
+
     def test_left_out(self):
         page = {'page.html': '<script src="gone.js"></script><script src="other.js"></script>'}
         self.assertEqual(self.problems(left_out=['gone.js'], **page), 'page.html: other.js is not in the site')

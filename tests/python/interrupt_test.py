@@ -48,7 +48,7 @@ CALLS = {
     "scaled_structure": (WIDE, "asterism.scaled_structure([m[None] for m in maps], joints, [1.0], count=10**9, distance=0)"),
     "loopy_structure": (
         WIDE,
-        "asterism.loopy_structure(maps, joints + [asterism.Joint(0, 3, (5, 5), 0.1)], gap=0, progress=0, max_iterations=10**9)",
+        "asterism.loopy_structure(maps, joints + [asterism.Joint(0, 3, (5, 5), 0.1)], tolerance=0, progress=0, max_iterations=10**9)",
     ),
     "locate": (
         "beacons = random.uniform(0, 10, (12, 3))\nranges = random.uniform(0, 10, (10**5, 12))\nkept = [beacons, ranges]",

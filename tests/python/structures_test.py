@@ -118,7 +118,7 @@ class StructuresTest(unittest.TestCase):
         for trial in range(5):
             maps = [rng.uniform(-1, 1, (3, 4)) for _ in range(3)]
             joints = [Joint(0, 1, weight=0.3), Joint(1, 2, (1, 1), weight=0.4), Joint(2, 0, weight=0.4, length=2.0, reach=3)]
-            found = loopy_structure(maps, joints, gap=1e-4)
+            found = loopy_structure(maps, joints, tolerance=1e-4)
             least = self.all_placements(maps, joints)[0][0]
             self.assertIn(found.status, [Status.CONVERGED, Status.NO_PROGRESS, Status.MAX_ITERATIONS])
             self.assertLessEqual(found.lower_bound, least + 1e-5)
@@ -127,8 +127,8 @@ class StructuresTest(unittest.TestCase):
             energy = sum(m[y, x] for m, (x, y) in zip(maps, found.positions))
             energy += sum(cost(j, found.positions[j.child] - found.positions[j.parent]) for j in joints)
             self.assertAlmostEqual(found.energy, energy, places=5)
-        with self.assertRaisesRegex(ValueError, "option gap is negative"):
-            loopy_structure(maps, joints, gap=-1)
+        with self.assertRaisesRegex(ValueError, "option tolerance is negative"):
+            loopy_structure(maps, joints, tolerance=-1)
 
     def test_layers_of_scale(self):
         rng = np.random.default_rng(5)

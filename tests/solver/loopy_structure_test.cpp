@@ -61,7 +61,7 @@ Problem random_problem(testing::Rng& rng, int parts, int joints, int most) {
 TEST(LoopyStructure, BoundsTheLeastEnergyFromBothSides) {
   testing::Rng rng(1);
   LoopyStructure structure;
-  structure.options.gap = 1e-4;
+  structure.options.tolerance = 1e-4;
   PartPlacement best;
   int closed = 0;
   constexpr int kTrials = 300;
@@ -170,8 +170,8 @@ TEST(LoopyStructure, RefusesBadInputByName) {
   bad = good;
   bad.joints[0].cost.y.weight = -2;
   expect(bad, "joint 0 has a weight that is negative or not finite");
-  structure.options.gap = -1;
-  expect(good, "option gap is negative or not finite");
+  structure.options.tolerance = -1;
+  expect(good, "option tolerance is negative or not finite");
   structure.options = {};
   structure.options.max_iterations = 0;
   expect(good, "option max_iterations is below 1");

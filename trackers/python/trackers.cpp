@@ -478,9 +478,8 @@ void bind_trackers(py::module_& m) {
           "__bool__", [](const TrackResult& r) { return !r.lost; }, "Whether the object is not lost.")
       .def(py::pickle(&fields_of, &result_of))
       .def("__repr__", [](const TrackResult& r) {
-        return "<asterism.TrackResult: box " + py::repr(tuple_of(r.box)).cast<std::string>() +
-               ", confidence " + py::repr(py::float_(r.confidence)).cast<std::string>() +
-               (r.lost ? ", lost>" : ">");
+        return py::str("<asterism.TrackResult: box ({:.2f}, {:.2f}, {:.2f}, {:.2f}), confidence {:.3f}{}>")
+            .format(r.box.x, r.box.y, r.box.width, r.box.height, r.confidence, r.lost ? ", lost" : "");
       });
 
   m.def("tracker_names", &tracker_names, "The trackers of this build.");

@@ -1,7 +1,8 @@
-"""Numbers, symmetric matrices and sparse ones, as every function of the package takes them, and the default of threads."""
+"""Numbers, symmetric matrices and sparse ones, as every function of the package takes them, the default of threads, and the repr of results."""
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from typing import Any
 
@@ -13,15 +14,33 @@ from ._asterism import _numbers as numbers
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 
-__all__ = ["array", "entries", "is_sparse", "numbers", "pairs_of", "processors", "square"]
+__all__ = ["array", "brief", "entries", "is_sparse", "numbers", "pairs_of", "processors", "square"]
 
 # numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
-# become `missing`; where there is none, and for what is no array of real numbers, TypeError. ValueError for another shape.
+# become `missing`; where there is none, and for anything else than an array of real numbers, TypeError. ValueError for another shape.
 
 
 def array(values: Any, name: str, shape: tuple[int, ...], missing: float | None = None) -> _Floats:
     """The numbers as an array of its own."""
     return np.array(numbers(values, name, shape, missing))
+
+
+def brief(result: Any) -> str:
+    """The repr of a result, a dataclass, in one line: its numbers and texts, and the shapes of what has more than three numbers."""
+    facts = []
+    for field in dataclasses.fields(result):
+        value = getattr(result, field.name)
+        if not field.repr or isinstance(value, str) and not value:
+            continue
+        if isinstance(value, np.ndarray):
+            text = str(tuple(value.shape)) if value.ndim != 1 or len(value) > 3 else np.array2string(value, precision=6, separator=", ")
+        elif isinstance(value, float):
+            text = f"{value:.6g}"
+        else:
+            text = f"{len(value)} of them" if isinstance(value, (list, dict)) else str(value)
+        facts.append(f"{field.name} {text}")
+    place = "asterism.pose" if type(result).__module__ == "asterism.pose" else "asterism"
+    return f"<{place}.{type(result).__name__}: {', '.join(facts)}>"
 
 
 def processors() -> int:

@@ -31,7 +31,7 @@ _METHODS: dict[str, tuple[str, list[str]]] = {
         ("'multi-start', or 'branch-and-bound' for a proof of the minimum", []),
     ),
     **dict.fromkeys(["default", "best", "any"], ("'auto'", [])),
-    "ceres": ("one of the reference solvers", ["ceres-sparse", "ceres-dense", "ceres-lbfgs", "ceres-cg"]),
+    "ceres": ("'auto'", ["ceres-sparse", "ceres-dense", "ceres-lbfgs", "ceres-cg"]),
     "cholmod": ("a sparse method", ["ida-cholmod", "newton-cholmod"]),
 }
 

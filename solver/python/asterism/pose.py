@@ -138,6 +138,8 @@ class FusedPose:
     #: Standard deviation of the errors of a view that last over frames, as a calibration's do [px]; 0 with one view, which cannot show them.
     disagreement: float
 
+    __repr__ = inputs.brief
+
 
 @dataclasses.dataclass
 class _Scales:
@@ -638,6 +640,8 @@ class Detections:
     confidence: _Floats
     #: What the first column says, one a frame.
     frames: list[str]
+
+    __repr__ = inputs.brief
 
 
 def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:

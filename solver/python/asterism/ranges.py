@@ -27,6 +27,8 @@ class PositionMinimum:
     #: The part of the posterior probability of all listed minima, by Laplace's approximation.
     weight: float
 
+    __repr__ = inputs.brief
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PositionFix:
@@ -46,6 +48,8 @@ class PositionFix:
     message: Any
     _all: tuple[npt.NDArray[np.int32], _Floats, _Floats, _Floats, _Floats] = dataclasses.field(repr=False)
     _is_batch: bool = dataclasses.field(repr=False)
+
+    __repr__ = inputs.brief
 
     @functools.cached_property
     def minima(self) -> list[Any]:
@@ -142,6 +146,8 @@ class PathEstimate:
     converged: bool
     #: What the beacons do not determine; "" if there is nothing to say.
     message: str
+
+    __repr__ = inputs.brief
 
 
 def locate_path(

@@ -53,6 +53,8 @@ class PictorialResult:
     #: The energy and the positions of each placement that was asked for, the best one first.
     placements: list[tuple[float, npt.NDArray[np.int32]]]
 
+    __repr__ = inputs.brief
+
 
 def pictorial_structure(
     maps: Iterable[npt.ArrayLike], joints: Iterable[Joint], *, count: int = 1, distance: float = 0.0
@@ -96,6 +98,8 @@ class ScaledResult:
     #: The energy, the positions and the layers of each placement that was asked for, the best one first.
     placements: list[tuple[float, npt.NDArray[np.int32], npt.NDArray[np.int32]]]
 
+    __repr__ = inputs.brief
+
 
 def scaled_structure(
     maps: Iterable[npt.ArrayLike], joints: Iterable[Joint], scales: Sequence[float], *, count: int = 1, distance: float = 0.0
@@ -123,7 +127,7 @@ def scaled_structure(
 class LoopyResult:
     """What loopy_structure finds."""
 
-    #: Status.CONVERGED: the energy is within gap of the lower bound. Status.NO_PROGRESS or Status.MAX_ITERATIONS: a gap is left.
+    #: Status.CONVERGED: the energy is within tolerance of the lower bound. Status.NO_PROGRESS or Status.MAX_ITERATIONS: it is not.
     status: _asterism.Status
     iterations: int
     #: Of the placement.
@@ -133,22 +137,24 @@ class LoopyResult:
     #: The placement: (N, 2), the column x and the row y of each part in its map.
     positions: npt.NDArray[np.int32]
 
+    __repr__ = inputs.brief
+
 
 def loopy_structure(
     maps: Iterable[npt.ArrayLike],
     joints: Iterable[Joint],
     *,
-    gap: float = 1e-3,
+    tolerance: float = 1e-3,
     progress: float = 0.01,
     max_iterations: int = 200,
 ) -> LoopyResult:
     """A good placement of parts that are linked in any graph, and a lower bound of the energy of all placements.
 
-    maps and joints as for pictorial_structure, but joints may form cycles. Stops if the energy is proven to be within gap of the
-    least, or if ten iterations raise the bound by less than the share progress of the gap that is left. ValueError also if no
-    placement was found that the windows of lengths allow.
+    maps and joints as for pictorial_structure, but joints may form cycles. Stops if the energy is proven to be within tolerance
+    [units of the maps] of the least, or if ten iterations raise the bound by less than the share progress of its distance from the
+    energy. ValueError also if no placement was found that the windows of lengths allow.
     """
-    return LoopyResult(*_asterism._loopy_structure(*_problem(maps, joints), gap, progress, max_iterations))
+    return LoopyResult(*_asterism._loopy_structure(*_problem(maps, joints), tolerance, progress, max_iterations))
 
 
 def _several(count: int, distance: float) -> tuple[int, float]:

@@ -149,7 +149,7 @@ def solve(topology, anchors, anchor_stiffness, rest_length, link_stiffness, *, s
 
     Returns x, of the anchors' shape and device. Solves are in double precision on the CPU, whatever the types of the values; x has
     the type that PyTorch gives to a sum of them, and its default floating type if all are integers. ValueError for other shapes,
-    TypeError for what is no real number. RuntimeError, with the number of the system, if one does not converge. There are no second
+    TypeError for a value that is not a real number. RuntimeError, with the number of the system, if one does not converge. There are no second
     derivatives.
 
     A solution may have no derivative: a saddle, a component that is free to turn, linked nodes that push each other apart in one place

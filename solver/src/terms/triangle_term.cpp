@@ -15,8 +15,8 @@ constexpr std::size_t kRest = 0, kStiffness = 1;
 std::vector<Column> columns_of() { return {{"rest"}, {"stiffness", 1, Column::Range::NotNegative}}; }
 
 // Two edges in the plane that they span: lengths and unit vectors of a and of b, and the unit vectors at
-// right angles to them, turned from a to b. The sine is that of the angle between them, positive but for
-// edges on a line, which span none.
+// right angles to them, turned from a to b. The sine is that of the angle between them, positive except for
+// edges on a line, which span no plane.
 struct Plane {
   double a, b, cosine, sine;
   Eigen::VectorXd along_a, along_b, across_a, across_b;

@@ -21,7 +21,8 @@ struct Evidence {
 /// shifting the frame shifts the evidence by as much; `localize` changes nothing that is learned; the same
 /// calls give the same results, bit for bit.
 ///
-/// - `init(frame, centre, size)`: learn the part anew from one frame. May be called again at any time. Throws
+/// - `init(frame, centre, size)`: forget everything, and learn the part from one frame. May be called again
+/// at any time. Throws
 ///   std::invalid_argument for a size that is not finite and positive or a centre that is not finite.
 /// - `localize(frame, around)`: search around a position; positions outside the frame see replicated borders.
 /// - `similarity_at(position)`: the similarity of the last `localize` at any position [same scale as

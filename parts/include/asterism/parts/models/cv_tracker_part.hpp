@@ -32,7 +32,7 @@ struct CvTrackerPartOptions {
 class ASTERISM_API CvTrackerPart {
  public:
   /// Makes the tracker that `localize` uses. It may return the same object each time, which saves loading a
-  /// network anew, if that object's `init` forgets what it saw before; copies of the part then share it and
+  /// network again, if that object's `init` forgets what it saw before; copies of the part then share it and
   /// must not be used in several threads at once.
   using Factory = std::function<cv::Ptr<cv::Tracker>()>;
 

@@ -29,8 +29,8 @@ inline namespace ASTERISM_ABI {
 /// Options of LoopyStructure.
 struct LoopyOptions {
   /// Stops when the energy is proven to be within this of the least [units of the maps].
-  double gap = 1e-3;
-  /// Stops when ten iterations raise the lower bound by less than this share of the gap that is left.
+  double tolerance = 1e-3;
+  /// Stops when ten iterations raise the lower bound by less than this share of its distance from the energy.
   double progress = 0.01;
   int max_iterations = 200;
   /// If given, tested at every part in every pass: once another thread has set it to true, the solve ends
@@ -39,7 +39,7 @@ struct LoopyOptions {
 
   /// What is wrong with the options, nullptr for nothing.
   const char* problem() const {
-    if (!detail::is_finite(gap) || gap < 0) return "option gap is negative or not finite";
+    if (!detail::is_finite(tolerance) || tolerance < 0) return "option tolerance is negative or not finite";
     if (!detail::is_finite(progress) || progress < 0) return "option progress is negative or not finite";
     return max_iterations < 1 ? "option max_iterations is below 1" : nullptr;
   }
@@ -47,9 +47,9 @@ struct LoopyOptions {
 
 /// How a solve of a loopy structure ended.
 struct LoopySummary {
-  /// Converged: the energy is within LoopyOptions::gap of the lower bound. NoProgress or MaxIterations: a gap
-  /// is left, so that the placement may or may not be the best one, or none was found in the windows of costs
-  /// of a length. InvalidInput, also if it is proven that every placement is forbidden; OutOfMemory;
+  /// Converged: the energy is within LoopyOptions::tolerance of the lower bound. NoProgress or MaxIterations:
+  /// it is not, so that the placement may or may not be the best one, or none was found in the windows of
+  /// costs of a length. InvalidInput, also if it is proven that every placement is forbidden; OutOfMemory;
   /// Interrupted, without a placement.
   Status status = Status::NotRun;
   Message message;
@@ -58,8 +58,6 @@ struct LoopySummary {
   /// No placement has a lower energy than this, up to the rounding of floats.
   double lower_bound = -std::numeric_limits<double>::infinity();
 
-  /// How far the placement may be above the least energy.
-  double gap() const { return energy - lower_bound; }
   /// Whether there is a placement.
   bool usable() const {
     return (status == Status::Converged || status == Status::NoProgress || status == Status::MaxIterations) &&
@@ -70,7 +68,7 @@ struct LoopySummary {
 inline std::ostream& operator<<(std::ostream& out, const LoopySummary& summary) {
   out << summary.status;
   if (summary.usable()) {
-    out << " after " << summary.iterations << " iterations, energy " << summary.energy << " of at least "
+    out << " after " << summary.iterations << " iterations, energy " << summary.energy << ", lower bound "
         << summary.lower_bound;
   }
   if (!summary.message.empty()) out << ": " << summary.message;
@@ -83,8 +81,8 @@ inline std::ostream& operator<<(std::ostream& out, const LoopySummary& summary) 
 /// Sequential tree-reweighted message passing (TRW-S; Kolmogorov, PAMI 2006): each iteration passes messages
 /// over all joints forwards and backwards, by a distance transform each, and never lowers the bound, up to
 /// rounding. The placement is the best of those that the iterations read from their messages. On a tree it is
-/// as good as PictorialStructure's, which is faster; with cycles, a gap may be left that no further iteration
-/// closes. With costs of a length, which forbid displacements, no placement may be found.
+/// as good as PictorialStructure's, which is faster; with cycles, the bound may stay below the energy however
+/// long it iterates. With costs of a length, which forbid displacements, no placement may be found.
 ///
 /// An object holds its workspace: reuse it to solve without allocation while the joints' ends and the sizes
 /// of the maps stay the same, one thread at a time.
@@ -371,7 +369,7 @@ inline void LoopyStructure::iterate(LoopySummary& summary, PartPlacement& best) 
       energy = of_placement;
       best.positions = positions_;
     }
-    if (energy - summary.lower_bound <= options.gap) {
+    if (energy - summary.lower_bound <= options.tolerance) {
       summary.status = Status::Converged;
       break;
     }

@@ -59,7 +59,7 @@ class Prover {
 
   // A lower bound of all energies, by the minoriser.
   double lowest(const MinoriserBound& bound) const {
-    return std::max(floor_, quadratic_.energy - bound.gap - Lower::kEpsilon * quadratic_.energy_rounding);
+    return std::max(floor_, quadratic_.energy - bound.excess - Lower::kEpsilon * quadratic_.energy_rounding);
   }
 
   MinoriserBound factor(const System& system, bool is_clamped = false) {
@@ -112,9 +112,9 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
                             quadratic_.coordinate_rounding + rounding;
   if (bound.is_definite) {
     if (!kRobust) result.lower_bound = lowest;
-    // Global minima and x are within sqrt(2 gap) of the minoriser's minimum, by the norm of W.
+    // Global minima and x are within sqrt(2 excess) of the minoriser's minimum, by the norm of W.
     if (!kRobust && !floats)
-      result.distance = std::sqrt(8 * (bound.gap + 2 * rounding) / bound.least_eigenvalue);
+      result.distance = std::sqrt(8 * (bound.excess + 2 * rounding) / bound.least_eigenvalue);
     if (energy - lowest > negligible) {
       result.reason = "the gap is above the tolerance: x is not stationary enough, or rounding is too large";
     } else if (kRobust) {

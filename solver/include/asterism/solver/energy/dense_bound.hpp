@@ -89,7 +89,7 @@ class DenseBound {
     // The residual of this substitution is in proportion to its result.
     const double norm = std::sqrt(square) * (1 + std::sqrt(n * kEpsilon));
     result.least_eigenvalue = least_eigenvalue(minoriser, shift);
-    result.gap = gap_with_rounding(minoriser, norm, shift, result.least_eigenvalue, [&](int i) {
+    result.excess = excess_with_rounding(minoriser, norm, shift, result.least_eigenvalue, [&](int i) {
       return kEpsilon * (8 + minoriser.terms) * minoriser.gradient_scale[i];
     });
     return result;

@@ -11,7 +11,7 @@ inline namespace ASTERISM_ABI {
 namespace detail {
 
 /// The Hessian of the energy at one x as an operator: a symmetric Dim x Dim block a link, and a node's
-/// anchor. Conventions are those of hessian(), but for the rows of fixed nodes, which are zero.
+/// anchor. Conventions are as in hessian(), except that the rows of fixed nodes are zero.
 template <typename System>
 class HessianOperator {
  public:

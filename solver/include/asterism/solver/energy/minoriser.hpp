@@ -37,17 +37,17 @@ struct MinoriserView {
 /// The result of the factorisation of a minoriser's W.
 struct MinoriserBound {
   bool is_definite = false;  ///< W is positive definite, whatever its rounding
-  double gap = 0;            ///< then q(x) - min q is at most this
+  double excess = 0;         ///< then q(x) - min q is at most this
   /// Where W is definite, its least eigenvalue is at least this; elsewhere it is at most this.
   double least_eigenvalue = std::numeric_limits<double>::quiet_NaN();
 };
 
-/// The gap of a gradient that is the sum of two: one with the norm `norm` in the inverse of the matrix
+/// The excess of a gradient that is the sum of two: one with the norm `norm` in the inverse of the matrix
 /// factored, and a rounding of at most rounding(i) at node i. The latter is measured by W >= shift
 /// diag(scale) or by W's least eigenvalue, whichever is better.
 template <typename Rounding>
-double gap_with_rounding(const MinoriserView& minoriser, double norm, double shift, double least_eigenvalue,
-                         Rounding&& rounding) {
+double excess_with_rounding(const MinoriserView& minoriser, double norm, double shift,
+                            double least_eigenvalue, Rounding&& rounding) {
   double scaled = 0, plain = 0;
   for (int i = 0; i < minoriser.nodes; ++i) {
     const double force = rounding(i);

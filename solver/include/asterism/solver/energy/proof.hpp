@@ -67,16 +67,15 @@ struct Certificate {
 
   /// Whether x is proven to be a global minimum.
   bool certified() const { return proof == Proof::UniqueGlobalMinimum || proof == Proof::GlobalMinimum; }
-  /// E(x) is above the least energy by no more than this, and by this share of E(x), which with loads depends
-  /// on the origin.
-  double gap() const { return energy - lower_bound; }
-  double relative_gap() const { return energy > 0 ? gap() / energy : gap(); }
+  /// E(x) is above the least energy by no more than this share of E(x), which with loads depends on the
+  /// origin; the difference of the energies where E(x) is not above 0.
+  double gap() const { return (energy - lower_bound) / (energy > 0 ? energy : 1); }
 };
 
 inline std::ostream& operator<<(std::ostream& out, const Certificate& certificate) {
   out << certificate.proof;
   if (certificate.proof != Proof::NotApplicable)
-    out << ", energy " << certificate.energy << " of at least " << certificate.lower_bound;
+    out << ", energy " << certificate.energy << ", lower bound " << certificate.lower_bound;
   if (!certificate.reason.empty()) out << " (" << certificate.reason << ")";
   return out;
 }

@@ -19,8 +19,8 @@ namespace detail {
 template <typename Factor, int kBlock>
 class SparseBound {
  public:
-  /// Of the W of `system`, whose minoriser this is. `is_clamped`: W is definite but for rounding, and its
-  /// least eigenvalue not wanted.
+  /// Of the W of `system`, whose minoriser this is. `is_clamped`: W is definite up to rounding, and its
+  /// least eigenvalue is not wanted.
   template <typename System>
   MinoriserBound bound(const System& system, const Minoriser<System>& minoriser, bool is_clamped) {
     matrix_.prepare(system.nodes(), system.links(), [this](const auto& pattern) {
@@ -79,7 +79,7 @@ class SparseBound {
     result.least_eigenvalue = shift * *std::min_element(minoriser.scale, minoriser.scale + minoriser.nodes);
     const double norm = std::sqrt(std::max(square, 0.0));
     product_ = right_hand_side_ - product_;  // the residual
-    result.gap = gap_with_rounding(minoriser, norm, shift, result.least_eigenvalue, [&](int i) {
+    result.excess = excess_with_rounding(minoriser, norm, shift, result.least_eigenvalue, [&](int i) {
       const double residual = product_.template middleRows<kBlock>(kBlock * i).norm();
       return residual + unit * minoriser.gradient_scale[i] + product_rounding(i);
     });

@@ -279,7 +279,7 @@ typename System::NodeVector node_stiffness(const System& system) {
 /// Where all those lengths are zero, the farthest that a load would move its node if the others stood still;
 /// without loads, the root mean square of x about that centroid, or about its own where no
 /// anchor has stiffness; or, for a start far off not to loosen the tolerance, the largest coordinate of the
-/// anchors, if that is less and not 0. Invariant, but for this last case, to translation.
+/// anchors, if that is less and not 0. Invariant to translation, except in this last case.
 template <typename System>
 typename System::Scalar characteristic_length(const System& system, const typename System::Points& x) {
   typename System::NodeVector held_by_links;

@@ -177,7 +177,7 @@ class Minoriser<ConeSystem<kDim>> {
 
   /// The least value of the quadratic, given its bound.
   double lowest(const MinoriserBound& bound) const {
-    return energy - bound.gap - kEpsilon * (16 + static_cast<double>(weights_.size())) * rounding_;
+    return energy - bound.excess - kEpsilon * (16 + static_cast<double>(weights_.size())) * rounding_;
   }
 
   double energy = 0;

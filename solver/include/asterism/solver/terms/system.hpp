@@ -45,7 +45,7 @@ class ASTERISM_API System {
 
   /// Adds nodes at the end.
   void add_nodes(int count);
-  /// Removes nodes, and the elements that have one of them; the others are numbered anew, in their order.
+  /// Removes nodes, and the elements that have one of them; the others keep their order.
   /// Throws std::out_of_range, and changes nothing, if one of them or of the elements' nodes does not exist.
   void remove_nodes(std::span<const int> nodes);
 
