@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """asterism.MDS against scikit-learn's: CPU seconds to its stress, seconds of transform, and what a second core gains.
 
-    estimator.py [--points N ...] [--choose FIRST LAST] [--score FIRST LAST] [--kinds K] [--rule N_INIT EPS]
+    estimator.py [--points N ...] [--dim D] [--choose FIRST LAST] [--score FIRST LAST] [--kinds K] [--rule N_INIT EPS]
 
 All in one run. scikit-learn runs by its defaults (4 starts of up to 300 iterations). The rules for n_init and eps are compared on the seeds of
 --choose. Of those whose stress is, on average over the seeds, at most that of scikit-learn for each kind of distances (to 1e-4), the one with
@@ -26,10 +26,7 @@ from mds_starts import KINDS, Matrix, between
 from sklearn.manifold import MDS
 
 ALL_KNOWN = {name: make for name, make in KINDS.items() if name != "along a graph in the plane"}  # scikit-learn has no missing pairs
-OF_POINTS: dict[str, Callable[[np.random.Generator, int], Matrix]] = {
-    "5 normal dimensions": lambda rng, n: between(rng.normal(size=(n, 5))),
-    **ALL_KNOWN,
-}
+Kinds = dict[str, Callable[[np.random.Generator, int], Matrix]]
 Rule = tuple[int | None, float]
 RULES: list[Rule] = list(itertools.product((1, None, 4, 8), (1e-2, 1e-3)))
 
@@ -48,15 +45,21 @@ def text_of(rule: Rule) -> str:
     return f"n_init={rule[0]}, eps={rule[1]:g}"
 
 
-def gains(n: int, kinds: list[str], seeds: range, rules: list[Rule]) -> dict[Rule, np.ndarray]:
+def kinds_for(dim: int) -> Kinds:
+    """Kinds of distances that have stress in this many dimensions."""
+    features = 2 * dim + 1
+    return {f"{features} normal dimensions": lambda rng, n: between(rng.normal(size=(n, features))), **ALL_KNOWN}
+
+
+def gains(n: int, dim: int, kinds: Kinds, seeds: range, rules: list[Rule]) -> dict[Rule, np.ndarray]:
     """For each rule, how many times less CPU time it takes than scikit-learn, and its share of the stress, (kinds, seeds, 2)."""
     results = {rule: np.empty((len(kinds), len(seeds), 2)) for rule in rules}
-    for k, name in enumerate(kinds):
+    for k, (name, make) in enumerate(kinds.items()):
         for s, seed in enumerate(seeds):
-            distances = OF_POINTS[name](np.random.default_rng([seed, n]), n)
-            theirs, peer = seconds(lambda: MDS(2, dissimilarity="precomputed", random_state=seed).fit(distances), time.process_time)
+            distances = make(np.random.default_rng([seed, n]), n)
+            theirs, peer = seconds(lambda: MDS(dim, dissimilarity="precomputed", random_state=seed).fit(distances), time.process_time)
             for rule in rules:
-                mds = asterism.MDS(2, dissimilarity="precomputed", n_init=rule[0], eps=rule[1], random_state=seed)
+                mds = asterism.MDS(dim, dissimilarity="precomputed", n_init=rule[0], eps=rule[1], random_state=seed)
                 ours, made = seconds(lambda: mds.fit(distances), time.process_time)
                 results[rule][k, s] = theirs / ours, made.stress_ / peer.stress_
         for rule in rules:
@@ -72,19 +75,20 @@ def gains(n: int, kinds: list[str], seeds: range, rules: list[Rule]) -> dict[Rul
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--points", type=int, nargs="+", default=[500])
+    parser.add_argument("--dim", type=int, default=2, help="of the placement")
     parser.add_argument("--choose", type=int, nargs=2, default=(1, 3), metavar=("FIRST", "LAST"))
     parser.add_argument("--score", type=int, nargs=2, default=(4, 5), metavar=("FIRST", "LAST"))
-    parser.add_argument("--kinds", type=int, default=len(OF_POINTS), help="only the first so many")
+    parser.add_argument("--kinds", type=int, help="only the first so many")
     parser.add_argument("--rule", nargs=2, metavar=("N_INIT", "EPS"), help="no choice; N_INIT 0 is the default")
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # about defaults that later versions change
-    kinds = list(OF_POINTS)[: options.kinds]
+    kinds = dict(itertools.islice(kinds_for(options.dim).items(), options.kinds))
     for n in options.points:
         if options.rule:
             rule = (int(options.rule[0]) or None, float(options.rule[1]))
         else:
             print(f"{n} points, {len(RULES)} rules, seeds {options.choose[0]} to {options.choose[1]}", flush=True)
-            found = gains(n, kinds, range(options.choose[0], options.choose[1] + 1), RULES)
+            found = gains(n, options.dim, kinds, range(options.choose[0], options.choose[1] + 1), RULES)
             fit = [rule for rule in RULES if (found[rule][..., 1].mean(axis=1) <= 1 + 1e-4).all()]
             if not fit:
                 print("  no rule ends with as little stress as scikit-learn")
@@ -92,14 +96,14 @@ def main() -> None:
             rule = max(fit, key=lambda rule: np.median(found[rule][..., 0]))
             print(f"  {len(fit)} rules end with as little stress: {'; '.join(map(text_of, fit))}")
         print(f"{n} points, {text_of(rule)}, seeds {options.score[0]} to {options.score[1]}", flush=True)
-        gain, stress = np.moveaxis(gains(n, kinds, range(options.score[0], options.score[1] + 1), [rule])[rule], -1, 0)
+        gain, stress = np.moveaxis(gains(n, options.dim, kinds, range(options.score[0], options.score[1] + 1), [rule])[rule], -1, 0)
         print(
             f"  all: {np.median(gain):.1f} times less CPU time in the median, {gain.min():.1f} to {gain.max():.1f}; "
             f"stress {stress.mean():.4f} of its on average, {stress.max():.4f} at most",
             flush=True,
         )
     rng = np.random.default_rng(1)
-    made, new = asterism.MDS(2).fit(rng.normal(size=(2000, 5))), rng.normal(size=(100_000, 5))
+    made, new = asterism.MDS(options.dim).fit(rng.normal(size=(2000, 5))), rng.normal(size=(100_000, 5))
     for jobs in (1, 2):
         taken, _ = seconds(lambda: made.set_params(n_jobs=jobs).transform(new), time.perf_counter, 3)
         print(f"transform, 100,000 points among {len(made.embedding_)}, {jobs} jobs: {taken:.2f} s", flush=True)

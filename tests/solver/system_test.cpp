@@ -541,7 +541,7 @@ INSTANTIATE_TEST_SUITE_P(Terms, SumOfLinks,
 // Links of all pairs are summed by rows of many at a time: rows of every length, with gaps, and in any order.
 TEST_P(SumOfLinks, IsThatOfEachByItself) {
   enum Order { kInRows, kWithGaps, kShuffled, kOrders };
-  for (const int dim : {2, 3}) {
+  for (const int dim : {1, 2, 3, 5, 10}) {
     for (const int n : {2, 6, 7, 8, 9, 10, 13, 33, 130}) {
       for (int order = 0; order < kOrders; ++order) {
         for (const double scale : {1.0, 1e-120, 1e120, 1e-160}) {

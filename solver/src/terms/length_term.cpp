@@ -404,19 +404,21 @@ double LengthTerm::hooke_sum(const Points& x, Points* gradient) const {
 // The same for links that are many times as many as their nodes, by vectors of them.
 template <int D>
 double LengthTerm::sum_of_rows(const Points& x, Points* gradient) const {
+  static_assert(lanes_v0_1::kMostCoordinates == System::kMaxDim);
   const auto n = static_cast<int>(x.cols());
-  const std::ptrdiff_t stride = n + lanes_v0_1::kBeyond;
-  constexpr std::ptrdiff_t kFew = 1024, kRows = 2 * D + 3;
-  double few[kRows * kFew];  // numbers of so few nodes need no heap
-  std::vector<double> many(stride > kFew ? static_cast<std::size_t>(kRows * stride) : 0);
-  double* const points = stride > kFew ? many.data() : few;
-  double* const forces = points + D * stride;
-  double* const repeated = forces + D * stride;
-  for (int c = 0; c < D; ++c) {
+  const int dim = this->dim();
+  const std::ptrdiff_t stride = n + lanes_v0_1::kBeyond, size_of_all = (2 * dim + 3) * stride;
+  constexpr std::ptrdiff_t kFew = 1024 * (2 * 3 + 3);
+  double few[kFew];  // so few numbers need no heap
+  std::vector<double> many(size_of_all > kFew ? static_cast<std::size_t>(size_of_all) : 0);
+  double* const points = size_of_all > kFew ? many.data() : few;
+  double* const forces = points + dim * stride;
+  double* const repeated = forces + dim * stride;
+  for (int c = 0; c < dim; ++c) {
     for (int i = 0; i < n; ++i) points[c * stride + i] = x(c, i);
     std::fill_n(points + c * stride + n, stride - n, 0.0);
   }
-  std::fill_n(forces, D * stride, 0.0);
+  std::fill_n(forces, dim * stride, 0.0);
   const auto row = [&](const Numbers& numbers, int r) {
     double* const copies = repeated + r * stride;
     if (numbers.stride == 0) std::fill_n(copies, n, *numbers[0]);
@@ -439,7 +441,7 @@ double LengthTerm::sum_of_rows(const Points& x, Points* gradient) const {
   const lanes_v0_1::LinkRows rows{.pairs = nodes().data(),
                                   .count = size(),
                                   .nodes = n,
-                                  .dim = D,
+                                  .dim = dim,
                                   .stride = stride,
                                   .points = points,
                                   .forces = gradient == nullptr ? nullptr : forces,
@@ -457,7 +459,7 @@ double LengthTerm::sum_of_rows(const Points& x, Points* gradient) const {
   const double energy = lanes_v0_1::sum(rows) / 2;
   if (!detail::is_finite(energy)) return sum<D>(x, 0, size(), gradient);
   for (int i = 0; gradient != nullptr && i < n; ++i) {
-    for (int c = 0; c < D; ++c) (*gradient)(c, i) += forces[c * stride + i];
+    for (int c = 0; c < dim; ++c) (*gradient)(c, i) += forces[c * stride + i];
   }
   return energy + left_out.energy;
 }
@@ -478,12 +480,12 @@ bool mostly_in_rows(const Eigen::MatrixXi& pairs) {
 
 double LengthTerm::energy(const Points& x, Points* gradient) const {
   return detail::with_dim(dim(), [&]<int D>() {
-    if constexpr (D != Eigen::Dynamic) {
-      if (function() == nullptr && !numbers(kInformation)) {
-        const auto n = static_cast<int>(x.cols());
-        const bool are_rows = arity() == 2 && size() / 3 >= n && law() <= LinkLaw::Interval &&
-                              loss() == Loss::Quadratic && !numbers(kOffset) && mostly_in_rows(nodes());
-        if (are_rows) return sum_of_rows<D>(x, gradient);
+    if (function() == nullptr && !numbers(kInformation)) {
+      const auto n = static_cast<int>(x.cols());
+      const bool are_rows = arity() == 2 && size() / 3 >= n && law() <= LinkLaw::Interval &&
+                            loss() == Loss::Quadratic && !numbers(kOffset) && mostly_in_rows(nodes());
+      if (are_rows) return sum_of_rows<D>(x, gradient);
+      if constexpr (D != Eigen::Dynamic) {
         return arity() == 2 ? plain_sum<D, 2>(x, gradient) : plain_sum<D, 3>(x, gradient);
       }
     }

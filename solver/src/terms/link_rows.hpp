@@ -9,6 +9,8 @@ namespace asterism::lanes_v0_1 {
 
 /// Squares of lengths below are left to others: rounding takes too much of them.
 inline constexpr double kLeastLengthSquare = 0x1p-970;
+/// No links have more coordinates.
+inline constexpr int kMostCoordinates = 64;
 /// More finite numbers than points in each row of coordinates, which are not used.
 inline constexpr int kBeyond = 8;
 
@@ -23,7 +25,7 @@ struct LinkRows {
   const int* pairs;       ///< the nodes of each link
   int count;              ///< of links
   int nodes;              ///< their number
-  int dim;                ///< 2 or 3
+  int dim;                ///< 1 to kMostCoordinates
   std::ptrdiff_t stride;  ///< from one row of points and of forces to the next, nodes + kBeyond at least
   const double* points;   ///< a row of finite numbers for each coordinate
   double* forces;         ///< on the points, to which those of the links are added; or null

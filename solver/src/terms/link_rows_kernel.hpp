@@ -26,14 +26,16 @@ ASTERISM_INLINE double total(typename L::V v) {
   return sum;
 }
 
+// kDim is the number of coordinates, or 0 where it is known at run time.
 template <typename L, int kDim, bool kHooke, bool kWithForces>
 double sum_of(const LinkRows& links) {
   using V = typename L::V;
-  constexpr int kLanes = L::kLanes;
+  constexpr int kLanes = L::kLanes, kMost = kDim > 0 ? kDim : kMostCoordinates;
+  const int dim = kDim > 0 ? kDim : links.dim;
   const V zero = L::set(0), least = L::set(kLeastLengthSquare);
-  const double* points[kDim];
-  double* forces[kDim];
-  for (int c = 0; c < kDim; ++c) {
+  const double* points[kMost];
+  double* forces[kMost];
+  for (int c = 0; c < dim; ++c) {
     points[c] = links.points + c * links.stride;
     forces[c] = links.forces + (kWithForces ? c * links.stride : 0);
   }
@@ -45,15 +47,15 @@ double sum_of(const LinkRows& links) {
     const double* const lower = links.lower.data + first * links.lower.stride;
     const double* const upper = links.upper.data + first * links.upper.stride;
     const double* const stiffness = links.stiffness.data + first * links.stiffness.stride;
-    V from[kDim], sum[kDim];
-    for (int c = 0; c < kDim; ++c) from[c] = L::set(points[c][i]), sum[c] = zero;
+    V from[kMost], sum[kMost];
+    for (int c = 0; c < dim; ++c) from[c] = L::set(points[c][i]), sum[c] = zero;
     V shortest = least;
 
     // The links from e on, whose numbers are at these addresses.
     const auto add = [&](int e, const double* lower_at, const double* upper_at, const double* stiffness_at)
                          ASTERISM_INLINED {
-                           V d[kDim], square = zero;
-                           for (int c = 0; c < kDim; ++c) {
+                           V d[kMost], square = zero;
+                           for (int c = 0; c < dim; ++c) {
                              d[c] = from[c] - L::load(points[c] + j + e);
                              square = L::fma(d[c], d[c], square);
                            }
@@ -68,7 +70,7 @@ double sum_of(const LinkRows& links) {
                            if (!kWithForces) return;
                            const V weight = tension * inverse;
                            energy = L::fma(weight, zero, energy);
-                           for (int c = 0; c < kDim; ++c) {
+                           for (int c = 0; c < dim; ++c) {
                              double* const at = forces[c] + j + e;
                              const V force = weight * d[c];
                              sum[c] = sum[c] + force;
@@ -86,12 +88,12 @@ double sum_of(const LinkRows& links) {
       }
       add(e, numbers[0], numbers[1], numbers[2]);
     }
-    for (int c = 0; kWithForces && c < kDim; ++c) forces[c][i] += total<L>(sum[c]);
+    for (int c = 0; kWithForces && c < dim; ++c) forces[c][i] += total<L>(sum[c]);
 
     if (L::bits(L::less(shortest, least)) == 0) continue;
     for (e = 0; e < length; ++e) {
       double square = 0;
-      for (int c = 0; c < kDim; ++c) {
+      for (int c = 0; c < dim; ++c) {
         const double offset = points[c][i] - points[c][j + e];
         square += offset * offset;
       }
@@ -111,7 +113,8 @@ double sum_in(const LinkRows& links) {
 }
 
 double sum_with_these_instructions(const LinkRows& links) {
-  return links.dim == 2 ? sum_in<2>(links) : sum_in<3>(links);
+  if (links.dim == 2) return sum_in<2>(links);
+  return links.dim == 3 ? sum_in<3>(links) : sum_in<0>(links);
 }
 
 template <typename L, int kDim>
