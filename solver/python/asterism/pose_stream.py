@@ -184,14 +184,16 @@ class Stream:
 
     def _solve(self, recording: _Recording, is_far: bool) -> tuple[_Floats, _Floats]:
         """The points, given the weights; and their covariance, and its share in the changes of velocity."""
-        weak = (100 * self._scales.extent) ** -2
+        stiffness = self._calm / self._scales.motion
+        # The prior of a point, which holds where nothing else does: as weak as rounding allows where a joint is not seen in the window.
+        weak = np.maximum((100 * self._scales.extent) ** -2, 1e-9 * stiffness.max(0, initial=0))[:, None]
         information, right = _asterism._pose_evidence(
             self._points, recording.sights, recording.cameras, self._used, self._scales.offset, is_far
         )
         row, column = np.triu_indices(self._dim)
         information[..., row == column] += weak
         right += weak * self._centre
-        self._evidence = information, right.copy(), self._calm / self._scales.motion, recording.difference
+        self._evidence = information, right.copy(), stiffness, recording.difference
         if len(right) > 1:
             right[:2] += self._past_right.reshape(-1, 2, self._dim).transpose(1, 0, 2)
         self._points, covariance, spread, _ = _asterism._difference_chains(
@@ -218,7 +220,8 @@ class Stream:
         matrix += stiffness[0, :, None, None] * np.kron(np.outer(difference[0], difference[0]), np.eye(dim))
         share = np.linalg.solve(matrix[:, :dim, :dim], matrix[:, :dim, dim:]).transpose(0, 2, 1)
         past = matrix[:, dim:, dim:] - share @ matrix[:, :dim, dim:]
-        self._past = (past + past.transpose(0, 2, 1)) / 2
+        size, axes = np.linalg.eigh((past + past.transpose(0, 2, 1)) / 2)  # rounding makes what is not known negative
+        self._past = (axes * np.maximum(size, 0)[:, None]) @ axes.transpose(0, 2, 1)
         self._past_right = vector[:, dim:] - (share @ vector[:, :dim, None])[..., 0]
         self._sights, self._is_seen, self._belief, self._used = (a[:, 1:] for a in (self._sights, self._is_seen, self._belief, self._used))
         self._times, self._points, self._calm = self._times[1:], self._points[1:], self._calm[1:]
