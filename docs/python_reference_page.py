@@ -230,11 +230,12 @@ def of_module(name):
     tree = SOURCES[name]
     listed = next((ast.literal_eval(node.value) for node in tree.body
                    if isinstance(node, ast.Assign) and getattr(node.targets[0], 'id', '') == '__all__'), None)
-    lines = (PACKAGE / f'{name}.py').read_text(encoding='utf-8').split('\n')
+    own = (PACKAGE / f'{name}.py').read_text(encoding='utf-8').split('\n')
     yield from [*prose(ast.get_docstring(tree) or ''), '']
-    for node in tree.body:
-        if not isinstance(node, (ast.FunctionDef, ast.ClassDef)) or node.name.startswith('_') or (listed and node.name not in listed):
-            continue
+    defined = [node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))]
+    entries = [(node, own) for node in defined if not node.name.startswith('_') and (not listed or node.name in listed)]
+    entries += [source_of(each) for each in listed or [] if each not in {node.name for node in defined}]  # of other files
+    for node, lines in entries:
         yield from [f'### `{name}.{node.name}`', '']
         if isinstance(node, ast.FunctionDef):
             yield from [*block(signature(f'asterism.{name}.{node.name}', node)), '', *prose(ast.get_docstring(node) or ''), '']

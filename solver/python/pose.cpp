@@ -1,5 +1,7 @@
 // The chains of joints over time, for asterism.pose.
+#include <Eigen/LU>
 #include <asterism/solver/linear/difference_chains.hpp>
+#include <limits>
 
 #include "bindings.hpp"
 
@@ -10,7 +12,7 @@ using Floats = py::array_t<double, py::array::c_style>;
 
 template <int Dim>
 py::tuple chains(const Floats& information, const Floats& right_side, const Floats& coefficients,
-                 const Floats& weight, bool covariance) {
+                 const Floats& weight, bool covariance, const Floats& prior) {
   const auto points = information.shape(0), joints = information.shape(1);
   const auto differences = std::max<py::ssize_t>(points - 2, 0);
   constexpr int kEntries = DifferenceChains<Dim>::kEntries;
@@ -21,12 +23,13 @@ py::tuple chains(const Floats& information, const Floats& right_side, const Floa
   bool is_definite = false;
   {
     const double *a = information.data(), *c = coefficients.data(), *w = weight.data();
+    const double* past = prior.size() > 0 ? prior.data() : nullptr;
     double *to = x.mutable_data(), *of = of_points.mutable_data(), *s = spread.mutable_data();
     double* det = log_det.mutable_data();
     const py::gil_scoped_release release;
     DifferenceChains<Dim> factors;
     is_definite =
-        factors.factorize(static_cast<std::size_t>(points), static_cast<std::size_t>(joints), a, c, w);
+        factors.factorize(static_cast<std::size_t>(points), static_cast<std::size_t>(joints), a, c, w, past);
     if (is_definite) {
       factors.solve(to);
       std::copy_n(factors.log_det().data(), joints, det);
@@ -166,23 +169,66 @@ py::tuple residuals(const Floats& points, const Floats& sights, const Floats& ca
   return py::make_tuple(all, errors);
 }
 
+/// OpenCV's lens: where a point in normalised coordinates is seen, and the derivative.
+struct Lens {
+  double k1, k2, p1, p2, k3;
+
+  Eigen::Vector2d distorted(const Eigen::Vector2d& at, Eigen::Matrix2d& slope) const {
+    const double x = at(0), y = at(1), r = x * x + y * y;
+    const double radial = 1 + r * (k1 + r * (k2 + r * k3)), rise = k1 + r * (2 * k2 + 3 * k3 * r);
+    const double mixed = 2 * (x * y * rise + p1 * x + p2 * y);
+    slope << radial + 2 * x * x * rise + 2 * p1 * y + 6 * p2 * x, mixed, mixed,
+        radial + 2 * y * y * rise + 6 * p1 * y + 2 * p2 * x;
+    return {x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x),
+            y * radial + p1 * (r + 2 * y * y) + 2 * p2 * x * y};
+  }
+};
+
+py::tuple undistorted(const Floats& pixels, const Floats& matrix, const Floats& distortions) {
+  const auto count = pixels.shape(0);
+  Floats images({count, py::ssize_t{2}}), slopes({count, py::ssize_t{2}, py::ssize_t{2}});
+  const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> camera(matrix.data());
+  const Eigen::Matrix2d scale = camera.topLeftCorner<2, 2>();
+  const Eigen::Matrix2d inverse = scale.inverse();
+  const double* k = distortions.data();
+  const Lens lens{k[0], k[1], k[2], k[3], k[4]};
+  for (py::ssize_t i = 0; i < count; ++i) {
+    const Eigen::Map<const Eigen::Vector2d> seen(pixels.data() + i * 2);
+    const Eigen::Vector2d goal = inverse * (seen - camera.topRightCorner<2, 1>());
+    Eigen::Vector2d image = goal;
+    Eigen::Matrix2d slope;
+    Eigen::Vector2d error = goal - lens.distorted(image, slope);
+    for (int step = 0; step < 12 && error.lpNorm<Eigen::Infinity>() > 1e-13; ++step) {  // Newton's method
+      image += slope.inverse() * error;
+      error = goal - lens.distorted(image, slope);
+    }
+    const bool is_found = error.lpNorm<Eigen::Infinity>() < 1e-9 && slope.determinant() > 0;
+    if (!is_found) image.setConstant(std::numeric_limits<double>::quiet_NaN());
+    Eigen::Map<Eigen::Vector2d>(images.mutable_data() + i * 2) = image;
+    Eigen::Map<Eigen::Matrix<double, 2, 2, Eigen::RowMajor>>(slopes.mutable_data() + i * 4) = scale * slope;
+  }
+  return py::make_tuple(images, slopes);
+}
+
 }  // namespace
 
 void bind_pose(py::module_& m) {
   m.def(
       "_difference_chains",
       [](const Floats& information, const Floats& right_side, const Floats& coefficients,
-         const Floats& weight, bool covariance) {
+         const Floats& weight, bool covariance, const Floats& prior) {
         const auto points = right_side.shape(0), joints = right_side.shape(1), dim = right_side.shape(2);
         const auto differences = std::max<py::ssize_t>(points - 2, 0);
         if (shape_of(information) != Shape{points, joints, dim * (dim + 1) / 2} ||
-            shape_of(coefficients) != Shape{differences, 3} || shape_of(weight) != Shape{differences, joints})
+            shape_of(coefficients) != Shape{differences, 3} ||
+            shape_of(weight) != Shape{differences, joints} ||
+            (prior.size() > 0 && shape_of(prior) != Shape{joints, 2 * dim, 2 * dim}))
           throw py::value_error("arrays of these shapes do not belong together");
-        return dim == 2 ? chains<2>(information, right_side, coefficients, weight, covariance)
-                        : chains<3>(information, right_side, coefficients, weight, covariance);
+        return dim == 2 ? chains<2>(information, right_side, coefficients, weight, covariance, prior)
+                        : chains<3>(information, right_side, coefficients, weight, covariance, prior);
       },
       py::arg("information"), py::arg("right_side"), py::arg("coefficients"), py::arg("weight"),
-      py::arg("covariance") = true);
+      py::arg("covariance") = true, py::arg("prior") = Floats(0));
   m.def(
       "_pose_evidence",
       [](const Floats& points, const Floats& sights, const Floats& cameras, const Floats& weight,
@@ -207,6 +253,7 @@ void bind_pose(py::module_& m) {
                                     : residuals<3>(points, sights, cameras);
       },
       py::arg("points"), py::arg("sights"), py::arg("cameras"));
+  m.def("_pose_undistorted", &undistorted, py::arg("pixels"), py::arg("matrix"), py::arg("distortions"));
 }
 
 }  // namespace asterism::python

@@ -1,18 +1,27 @@
 #!/usr/bin/env python3
-"""asterism.pose: the kernel against dense matrices, cameras against OpenCV's formulas, fuse against known paths, files, bad input.
+"""asterism.pose: the kernel against dense matrices, cameras against OpenCV's formulas, fuse and Stream against known paths and each other, files, bad input.
 
 pose_test.py PAGE FOLDER: the page whose code is run, and the folder with mouse, fly and paw, whose tests are skipped without it.
 """
 
+import contextlib
+import csv
+import io
 import os
 import pathlib
+import pickle
 import re
 import sys
 import tempfile
 import unittest
 
 import numpy as np
-from asterism import _asterism, pose
+from asterism import _asterism, pose, pose_estimate, pose_tool
+
+try:
+    import h5py
+except ImportError:
+    h5py = None
 
 FOLDER = pathlib.Path(sys.argv.pop())
 PAGE = pathlib.Path(sys.argv.pop()).resolve()
@@ -72,6 +81,30 @@ class KernelTest(unittest.TestCase):
                     for t, c in enumerate(coefficients):
                         part = inverse[t : t + 3, :, t : t + 3]
                         self.assertAlmostEqual(spread[t, j], np.einsum("a,aibi,b->", c, part, c), places=6)
+
+
+    def test_chains_with_a_past_are_the_dense_solution(self):
+        for dim in (2, 3):
+            rng = np.random.default_rng(dim)
+            points, joints, (row, column) = 5, 2, np.triu_indices(dim)
+            half = rng.normal(size=(points, joints, dim, dim))
+            blocks = half @ half.swapaxes(-1, -2) + 1e-2 * np.eye(dim)
+            half = rng.normal(size=(joints, 2 * dim, 2 * dim))
+            past = half @ half.swapaxes(-1, -2)
+            right, coefficients = rng.normal(size=(points, joints, dim)), rng.normal(size=(points - 2, 3))
+            weight = rng.uniform(0.1, 5, (points - 2, joints))
+            found, covariance, _, _ = _asterism._difference_chains(blocks[..., row, column], right, coefficients, weight, True, past)
+            for j in range(joints):
+                matrix = np.zeros((points * dim, points * dim))
+                matrix[: 2 * dim, : 2 * dim] = past[j]
+                for t in range(points):
+                    matrix[t * dim : (t + 1) * dim, t * dim : (t + 1) * dim] += blocks[t, j]
+                for t, c in enumerate(coefficients):
+                    matrix[t * dim : (t + 3) * dim, t * dim : (t + 3) * dim] += weight[t, j] * np.kron(np.outer(c, c), np.eye(dim))
+                np.testing.assert_allclose(found[:, j].ravel(), np.linalg.solve(matrix, right[:, j].ravel()), rtol=1e-7, atol=1e-9)
+                inverse = np.linalg.inv(matrix).reshape(points, dim, points, dim)
+                for t in range(points):
+                    np.testing.assert_allclose(covariance[t, j], inverse[t, :, t][row, column], rtol=1e-6, atol=1e-9)
 
 
 class CameraTest(unittest.TestCase):
@@ -230,6 +263,48 @@ class FuseTest(unittest.TestCase):
         found = pose.fuse(seen, None, cameras)
         self.assertLess(np.sqrt(((found.points - truth) ** 2).sum(-1).mean()), 0.0125)
 
+    def test_more_steps_change_little(self):
+        for dim in (2, 3):
+            truth, seen, _, cameras = recording(15, frames=200)
+            image = cameras[0].project(truth)
+            arguments = (seen, None, cameras) if dim == 3 else (seen[0],)
+            found = pose.fuse(*arguments)
+            settled, pose_estimate._SETTLED = pose_estimate._SETTLED, 0.0
+            try:
+                longer = pose.fuse(*arguments)
+            finally:
+                pose_estimate._SETTLED = settled
+            error = [np.sqrt(((path.points - (truth if dim == 3 else image)) ** 2).sum(-1).mean()) for path in (found, longer)]
+            self.assertLess(error[0], 1.05 * error[1])
+            np.testing.assert_allclose(found.noise, longer.noise, rtol=0.1)
+
+    def test_errors_of_networks_that_last(self):
+        # Four networks of which the errors last for some 20 frames, of another size in each burst; the first one's path.
+        rng, frames, joints = np.random.default_rng(16), 800, 3
+        t = np.arange(frames)[:, None]
+        truth = np.stack([100 + 50 * np.sin(t / [30, 40, 50]), 80 + 40 * np.cos(t / [35, 25, 60])], -1)
+        errors = np.zeros((4, frames, joints, 2))
+        for k in range(1, frames):
+            errors[:, k] = 0.95 * errors[:, k - 1] + np.sqrt(1 - 0.95**2) * rng.normal(size=(4, joints, 2))
+        errors *= np.where(t[:, :, None] // 100 % 2, 3.0, 1.0)
+        networks = truth + errors + rng.normal(0, 0.1, errors.shape)
+        deviation = pose.network_deviation(networks)
+        self.assertGreater(np.median(deviation[100:200]), 1.5 * np.median(deviation[:100]))
+        others = np.mean(networks[1:], 0)
+        without, found = pose.fuse(networks[0]), pose.fuse(networks[0], deviation=deviation)
+        for reference, least in ((truth, 0.90), (others, 0.90)):
+            alone = distances(without.points - reference, without.covariance) < 5.991
+            inside = distances(found.points - reference, found.covariance) < 5.991
+            self.assertLess(alone.mean(), 0.5)
+            self.assertGreater(inside.mean(), least)
+            self.assertLess(inside.mean(), 0.999)
+        for bad, words in [(networks[:1], "two networks or more"), (np.where(np.arange(joints)[:, None] == 1, np.nan, networks), "see joint 1")]:
+            with self.assertRaisesRegex(ValueError, words):
+                pose.network_deviation(bad)
+        for bad, words in [(deviation[:5], "deviation: expected shape"), (0 * deviation, "deviation: expected positive numbers, found 0.0 in view 0, frame 0, joint 0")]:
+            with self.assertRaisesRegex(ValueError, words):
+                pose.fuse(networks[0], deviation=bad)
+
     def test_bad_input(self):
         truth, seen, _, cameras = recording(11, frames=20)
         never = seen.copy()
@@ -267,6 +342,134 @@ class FuseTest(unittest.TestCase):
         for field, value in [("matrix", np.eye(2)), ("rotation", 2 * np.eye(3)), ("translation", [0, 0, np.nan]), ("distortions", range(8)), ("size", (0, 5))]:
             with self.subTest(field), self.assertRaisesRegex(ValueError, f"camera c: {field}"):
                 pose.Camera(**{"matrix": np.eye(3), "rotation": [0, 0, 0], "translation": [0, 0, 1], "name": "c", field: value})
+
+
+class StreamTest(unittest.TestCase):
+    def test_a_frame_that_leaves_is_marginalised(self):
+        # With the evidence and the weights of each frame when it left, all frames at once have the same newest frames.
+        for dim in (2, 3):
+            truth, seen, _, cameras = recording(20, frames=40, joints=2, outliers=0.05, missing=0.1)
+            recorded = pose.fuse(seen, None, cameras) if dim == 3 else pose.fuse(seen[:1])
+            stream = pose.Stream(recorded, cameras if dim == 3 else None, window=6)
+            views, left = (slice(None), []) if dim == 3 else (slice(1), [])
+            forget = stream._forget
+
+            def watched():
+                left.append([array[0] for array in stream._evidence])
+                forget()
+
+            stream._forget = watched
+            for frame in range(40):
+                newest = stream.push(seen[views, frame])
+            self.assertEqual(len(left), 34)
+            rows = left + [[array[k] for array in stream._evidence[:2]] + [array[k] if k < 4 else None for array in stream._evidence[2:]] for k in range(6)]
+            for j in range(2):
+                matrix, right = np.zeros((40 * dim, 40 * dim)), np.zeros(40 * dim)
+                for t, (information, side, stiffness, c) in enumerate(rows):
+                    here = slice(t * dim, (t + 1) * dim)
+                    matrix[here, here] += pose_estimate._matrices(information[j])
+                    right[here] += side[j]
+                    if c is not None:
+                        three = slice(t * dim, (t + 3) * dim)
+                        matrix[three, three] += stiffness[j] * np.kron(np.outer(c, c), np.eye(dim))
+                whole = np.linalg.solve(matrix, right).reshape(40, dim)
+                np.testing.assert_allclose(stream.points[:, j], whole[-6:], rtol=1e-6, atol=1e-7)
+                if recorded.disagreement == 0:
+                    np.testing.assert_allclose(newest.covariance[j], np.linalg.inv(matrix)[-dim:, -dim:], rtol=1e-5, atol=1e-9)
+
+    def test_it_is_near_the_whole_recording(self):
+        truth, seen, is_wrong, cameras = recording(21, frames=400)
+        recorded = pose.fuse(seen[:, :200], None, cameras)
+        batch = pose.fuse(seen, None, cameras)
+        stream = pose.Stream(recorded, cameras)
+        found = [stream.push(frame) for frame in seen.swapaxes(0, 1)[200:]]
+        points, covariance = np.array([f.points for f in found]), np.array([f.covariance for f in found])
+        outliers, later = np.array([f.outliers for f in found]).swapaxes(0, 1), slice(10, None)
+
+        def error(path):
+            return np.sqrt(((path - truth[200:])[later] ** 2).sum(-1).mean())
+
+        self.assertLess(error(points), 2.5 * error(batch.points[200:]))  # it does not see what comes later
+        inside = distances((points - truth[200:])[later], covariance[later]) < 7.815
+        self.assertGreater(inside.mean(), 0.90)
+        is_seen, wrong = np.isfinite(seen[:, 200:, :, 0])[:, later], is_wrong[:, 200:][:, later]
+        self.assertGreater(outliers[:, later][wrong].mean(), 0.95)
+        self.assertLess(outliers[:, later][is_seen & ~wrong].mean(), 0.04)
+
+    def test_a_joint_that_comes_late_or_jumps(self):
+        rng = np.random.default_rng(22)
+        truth = np.stack([100 + 2.0 * np.arange(200), 80 + 30 * np.sin(np.arange(200) / 20)], -1)[:, None] + np.zeros((1, 2, 1))
+        truth[120:, 1] += 150  # a cut
+        seen = truth + rng.normal(0, 1, truth.shape)
+        stream = pose.Stream(pose.fuse(seen))
+        seen[:30, 0] = np.nan
+        found = np.array([stream.push(frame).points for frame in seen])
+        away = np.linalg.norm(found - truth, axis=-1)
+        self.assertTrue(np.isfinite(found).all())
+        self.assertLess(away[35:, 0].max(), 6)
+        self.assertLess(away[10:119, 1].max(), 6)
+        self.assertLess(away[140:, 1].max(), 6)
+
+    def test_bad_input(self):
+        truth, seen, _, cameras = recording(23, frames=30, joints=2)
+        recorded = pose.fuse(seen, None, cameras)
+        for arguments, words in [((recorded,), "points in 3 dimensions"), ((recorded, cameras, 2), "window"), ((recorded, cameras[:2]), "expected one for each of the 3 views")]:
+            with self.subTest(words), self.assertRaisesRegex(ValueError, words):
+                pose.Stream(*arguments)
+        stream = pose.Stream(recorded, cameras)
+        stream.push(seen[:, 0], 5.0)
+        before = stream.points
+        infinite = seen[:, 1].copy()
+        infinite[0, 0, 0] = np.inf
+        for arguments, words in [((seen[:, 1, :1],), "detections: expected shape"), ((infinite,), "infinite in frame 1"), ((seen[:, 1], 5.0), "rising times, found 5.0 in frame 1"), ((seen[:, 1], np.nan), "rising times"), ((seen[:, 1], 6.0, np.full((3, 2), 2.0)), "confidence")]:
+            with self.subTest(words), self.assertRaisesRegex(ValueError, words):
+                stream.push(*arguments)
+        np.testing.assert_array_equal(stream.points, before)
+        self.assertTrue(np.isfinite(stream.push(np.full((3, 2, 2), np.nan), 6.0).covariance).all())  # an empty frame
+
+
+class SwapTest(unittest.TestCase):
+    def swapped(self, path, pairs, seed):
+        """Some stretches of frames with left and right exchanged, fewer than half; and which."""
+        rng, found = np.random.default_rng(seed), path.copy()
+        where = np.zeros((len(path), len(pairs)), bool)
+        for p, (a, b) in enumerate(pairs):
+            for start in rng.choice(len(path) // 40, len(path) // 120, replace=False) * 40:
+                where[start : start + rng.integers(1, 35), p] = True
+            found[where[:, p], a], found[where[:, p], b] = path[where[:, p], b], path[where[:, p], a]
+        return found, where
+
+    def test_paths_that_cross(self):
+        for seed in range(5):
+            rng, t = np.random.default_rng(seed), np.arange(600)[:, None]
+            stride = 60 * np.sin(t / 9 + np.array([0, np.pi, 1, 4]))  # legs from the side: left and right cross
+            truth = np.stack([200 + 0.5 * t + stride, 100 + 15 * np.cos(t / 9 + np.array([0, np.pi, 2, 5])) + [0, 0, 40, 40]], -1)
+            seen, where = self.swapped(truth + rng.normal(0, 1, truth.shape), [(0, 1), (2, 3)], seed)
+            seen[rng.random(seen.shape[:2]) < 0.1] = np.nan
+            found = pose.exchange_back(seen, [(0, 1), (2, 3)])
+            is_seen = np.isfinite(seen[..., 0])
+            both = is_seen[:, [0, 2]] & is_seen[:, [1, 3]]
+            self.assertLess((found.swapped != where)[both].mean(), 0.005)
+            away = np.linalg.norm(found.detections - truth, axis=-1)
+            self.assertLess((away[is_seen] > 10).mean(), 0.01)
+            np.testing.assert_array_equal(found.apply(seen, [(0, 1), (2, 3)]), found.detections)
+            fused = pose.fuse(seen, pairs=[(0, 1), (2, 3)])
+            np.testing.assert_array_equal(fused.swapped[0], found.swapped)
+            self.assertLess(np.median(np.linalg.norm(fused.points - truth, axis=-1)), 2)
+
+    def test_nothing_swapped(self):
+        truth, seen, _, _ = recording(24, frames=300, joints=4)
+        self.assertLess(pose.exchange_back(seen, [(0, 1), (2, 3)]).swapped.mean(), 0.01)
+
+    def test_pairs_of_names(self):
+        names = ["nose", "left_hip", "right_hip", "EarL", "EarR", "Ear_R", "Ear_L", "tail_left", "kneeRight", "kneeLeft", "L2", "R2"]
+        self.assertEqual(sorted(pose.left_right_pairs(names)), [(1, 2), (3, 4), (6, 5), (9, 8), (10, 11)])
+
+    def test_bad_input(self):
+        seen = np.zeros((5, 3, 2))
+        for arguments, words in [((seen[0], [(0, 1)]), "detections: expected shape"), ((seen, [(0, 1), (1, 2)]), "at most once"), ((seen, [(0, 3)]), "0 to 2"), ((seen, [(0, 1)], [0, 1, 1, 2, 3]), "rising")]:
+            with self.subTest(words), self.assertRaisesRegex(ValueError, words):
+                pose.exchange_back(*arguments)
 
 
 class FilesTest(unittest.TestCase):
@@ -309,11 +512,141 @@ class FilesTest(unittest.TestCase):
                 pose.read_cameras(self.write(text, "a.toml"))
         with self.assertRaises(OSError):
             pose.read_detections(self.folder / "none.csv")
-        try:
-            import h5py  # noqa: F401
-        except ImportError:
+        with self.assertRaisesRegex(ValueError, "no table of text"):
+            (self.folder / "b.csv").write_bytes(b"\xff\xfe\x00")
+            pose.read_detections(self.folder / "b.csv")
+        if h5py is None:
             with self.assertRaisesRegex(ImportError, "h5py"):
                 pose.read_detections(self.write("", "a.h5"))
+
+
+    @unittest.skipIf(h5py is None, "h5py is not installed")
+    def test_sleap(self):
+        # As SLEAP's documentation describes it: tracks (animals, 2, nodes, frames), point_scores (animals, nodes, frames), names in bytes.
+        points, scores = np.random.default_rng(1).normal(50, 10, (6, 3, 2)), np.random.default_rng(2).uniform(0, 1.2, (6, 3))
+        points[2, 1], scores[2, 1] = np.nan, np.nan
+
+        def write(tracks, name="a.h5", **others):
+            with h5py.File(self.folder / name, "w") as file:
+                for key, value in {"tracks": tracks, "node_names": [b"nose", b"left", b"right"], "track_names": [b"mouse"], **others}.items():
+                    file[key] = value
+            return self.folder / name
+
+        tracks = points.transpose(2, 1, 0)[None]
+        found = pose.read_detections(write(tracks, point_scores=scores.T[None]))
+        self.assertEqual((found.joints, found.frames), (["nose", "left", "right"], [str(t) for t in range(6)]))
+        np.testing.assert_array_equal(found.points, points)
+        np.testing.assert_array_equal(found.confidence, np.where(np.isnan(scores), 1, np.minimum(scores, 1)))
+        pose.write_points(self.folder / "b.h5", points, found.joints, confidence=found.confidence)
+        again = pose.read_detections(self.folder / "b.h5")
+        np.testing.assert_array_equal(again.points, points)
+        np.testing.assert_array_equal(again.confidence, found.confidence)
+        for path, words in [(write(np.zeros((2, 2, 3, 6)), "e.h5"), "one animal, found 2"), (write(np.zeros((1, 2, 4, 6)), "f.h5"), "tracks of shape"), (write(tracks, "g.h5", point_scores=np.zeros((1, 3, 5))), "point_scores of shape"), (write(np.zeros((1, 2, 3, 0)), "h.h5"), "no frames"), (self.write("no", "c.h5"), "c.h5: no HDF5 file")]:
+            with self.subTest(words), self.assertRaisesRegex(ValueError, words):
+                pose.read_detections(path)
+        with self.assertRaisesRegex(ValueError, "in the image only"):
+            pose.write_points(self.folder / "d.h5", np.zeros((2, 1, 3)), ["a"])
+        with self.assertRaises(OSError):
+            pose.read_detections(self.folder / "none.h5")
+
+    @unittest.skipIf(h5py is None, "h5py is not installed")
+    def test_deeplabcuts_hdf5(self):
+        # As pandas writes a table: rows of index and values, the columns' names a pickle in an attribute.
+        columns = [("net", joint, kind) for joint in ("a", "b") for kind in ("x", "y", "likelihood")]
+        values = np.random.default_rng(3).uniform(0, 1, (4, 6))
+        values[1, 3:] = np.nan
+
+        def write(name, columns, values=values):
+            rows = np.zeros(len(values), [("index", "i8"), ("values_block_0", "f8", (values.shape[1],))])
+            rows["index"], rows["values_block_0"] = np.arange(len(values)), values
+            with h5py.File(self.folder / name, "w") as file:
+                group = file.create_group("df_with_missing")
+                group["table"] = rows
+                group.attrs["non_index_axes"] = np.bytes_(columns if isinstance(columns, bytes) else pickle.dumps([(1, columns)], 0))
+            return self.folder / name
+
+        found = pose.read_detections(write("a.h5", columns))
+        self.assertEqual(found.joints, ["a", "b"])
+        np.testing.assert_array_equal(found.points, np.stack([values[:, [0, 3]], values[:, [1, 4]]], -1))
+        np.testing.assert_array_equal(found.confidence, [[v[2], 1 if np.isnan(v[5]) else v[5]] for v in values])
+        for bad, words in [(columns[:3], "3 columns are named"), (pickle.dumps(print, 0), "not DeepLabCut's table"), ([("x", *c) if k else ("y", *c) for k, c in enumerate(columns)], "one animal")]:
+            with self.subTest(words), self.assertRaisesRegex(ValueError, words):
+                pose.read_detections(write("b.h5", bad))
+
+
+class ToolTest(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.truth, self.seen, _, self.cameras = recording(30, frames=60)
+        self.names = ["hip_left", "hip_right", "knee", "toe"]
+        text = ""
+        for view, camera in enumerate(self.cameras):
+            fields = {field: getattr(camera, field).tolist() for field in ("matrix", "rotation", "translation", "distortions", "size")}
+            text += f'[cam_{view}]\nname = "{camera.name}"\n' + "".join(f"{key} = {value}\n" for key, value in fields.items())
+        self.write("calibration.toml", text)
+        for camera, view in zip(self.cameras, self.seen):
+            pose.write_points(self.folder / f"{camera.name}.csv", view, self.names)
+        self.files = [str(self.folder / f"{camera.name}.csv") for camera in self.cameras]
+
+    def write(self, name, text):
+        (self.folder / name).write_text(text)
+        return str(self.folder / name)
+
+    def run_tool(self, *arguments):
+        """Exit code, output and errors."""
+        output, errors = io.StringIO(), io.StringIO()
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+            code = pose_tool.main([*arguments, "--output", str(self.folder / "points.csv")])
+        return code, output.getvalue(), errors.getvalue()
+
+    def test_points_in_space(self):
+        skeleton = self.write("skeleton.csv", "from,to\nhip_left,knee\nknee,toe\n")
+        times = self.write("times.txt", "\n".join(str(t / 30) for t in range(60)))
+        options = ["--cameras", str(self.folder / "calibration.toml"), "--skeleton", skeleton, "--times", times, "--details", str(self.folder / "details.csv")]
+        code, output, errors = self.run_tool(*reversed(self.files), *options)  # in another order than the calibration's
+        self.assertEqual((code, errors), (0, ""))
+        self.assertIn("60 frames, 4 joints", output)
+        expected = pose.fuse(self.seen[::-1], None, self.cameras[::-1], [(0, 2), (2, 3)], np.arange(60) / 30)
+        np.testing.assert_array_equal(pose.read_detections(self.folder / "points.csv").points, expected.points)
+        rows = list(csv.reader((self.folder / "details.csv").read_text().splitlines()))
+        self.assertEqual(len(rows), 1 + 60 * 4)
+        np.testing.assert_allclose([float(v) for v in rows[5][2:8]], [*expected.points[1, 0], *np.sqrt(np.diag(expected.covariance[1, 0]))])
+
+    def test_pairs_in_the_image(self):
+        code, output, errors = self.run_tool(self.files[0], "--pairs", "names", "--confidence")
+        self.assertEqual((code, errors), (0, ""))
+        self.assertIn("swapped pair", output)
+        self.assertEqual(self.run_tool(self.files[0], "--pairs", "knee:toe")[0], 0)
+
+    def test_errors_are_one_line(self):
+        other = self.write("other.csv", "frame,a_x,a_y\n0,1,2\n")
+        short = str(self.folder / "short.csv")
+        pose.write_points(short, self.seen[0, :9], self.names)
+        toml = str(self.folder / "calibration.toml")
+        cases = [
+            ([str(self.folder / "none.csv")], "none.csv: No such file"),
+            ([self.files[0], other], "other.csv: has other joints than"),
+            ([self.files[0], short], "short.csv: has 9 frames"),
+            ([*self.files[:1], short, short, short, "--cameras", toml], "short.csv: has 9 frames"),
+            ([self.files[0], "--cameras", toml], "one view has no depth"),
+            ([self.files[0], "--cameras", other], "other.csv: "),
+            ([self.files[0], "--skeleton", self.write("s.csv", "knee,toe\nknee,tail\n")], "s.csv:2: no joint is named tail"),
+            ([self.files[0], "--skeleton", self.write("e.csv", "")], "e.csv: no limbs"),
+            ([self.files[0], "--times", self.write("t.txt", "0\none\n")], "t.txt:2: not a number: 'one'"),
+            ([self.files[0], "--times", self.write("u.txt", "0\n1\n")], "times: expected shape"),
+            ([self.files[0], "--pairs", "knee"], "expected LEFT:RIGHT"),
+            ([self.files[0], "--pairs", "knee:tail"], "no joint is named tail"),
+            ([other, "--pairs", "names"], "differ in left and right"),
+        ]
+        for arguments, words in cases:
+            with self.subTest(words):
+                code, output, errors = self.run_tool(*arguments)
+                self.assertEqual((code, output), (1, ""))
+                self.assertIn(words, errors)
+                self.assertEqual(errors.count("\n"), 1)
+                self.assertTrue(errors.startswith("asterism-pose: "))
 
 
 class PageTest(unittest.TestCase):
@@ -331,8 +664,8 @@ class PageTest(unittest.TestCase):
             for camera, view in zip(cameras, seen):
                 pose.write_points(f"{camera.name}.csv", view, names)
             session = {}
-            (block,) = re.findall(r"^```python\n(.*?)^```\n", PAGE.read_text(), re.MULTILINE | re.DOTALL)
-            exec(compile(block, str(PAGE), "exec"), session)
+            for block in re.findall(r"^```python\n(.*?)^```\n", PAGE.read_text(), re.MULTILINE | re.DOTALL):
+                exec(compile(block, str(PAGE), "exec"), session)
             np.testing.assert_array_equal(pose.read_detections("points.csv").points, session["found"].points)
             self.assertLess(np.median(np.linalg.norm(session["found"].points - truth, axis=-1)), 0.0125)
             os.chdir(here)

@@ -15,6 +15,8 @@ inline namespace ASTERISM_ABI {
 ///
 ///   E(x) = sum_t 1/2 (x_t - m_t)^T A_t (x_t - m_t) + sum_t 1/2 w_t |a_t x_t + b_t x_{t+1} + c_t x_{t+2}|^2
 ///
+/// and, where a longer chain was cut, what its former points say about the first two.
+///
 /// Each chain is a block band of width two, so that the factors, the minimum, log det and the covariances of
 /// neighbouring points take time linear in the number of points. The chains are stored side by side: arrays
 /// are (points, chains, ...), in C order.
@@ -27,9 +29,10 @@ class DifferenceChains {
   static constexpr int kEntries = Dim * (Dim + 1) / 2;
 
   /// information: A (points, chains, kEntries). coefficients: a, b, c (points - 2, 3). weight: w (points - 2,
-  /// chains). False if a chain is not positive definite.
+  /// chains). prior, if any: the information about the first two points together (chains, 2 Dim, 2 Dim), for
+  /// chains of two points or more. False if a chain is not positive definite.
   bool factorize(std::size_t points, std::size_t chains, const double* information,
-                 const double* coefficients, const double* weight) {
+                 const double* coefficients, const double* weight, const double* prior = nullptr) {
     points_ = points;
     chains_ = chains;
     inverse_.resize(points * chains * kEntries);
@@ -62,6 +65,11 @@ class DifferenceChains {
       here[j] = diagonal(0, j);
       if (points > 1) after[j] = diagonal(1, j);
       coupling[j] = neighbour(0, j) * Block::Identity();
+      if (prior == nullptr || points < 2) continue;
+      const Eigen::Map<const Eigen::Matrix<double, 2 * Dim, 2 * Dim>> past(prior + j * 4 * Dim * Dim);
+      here[j] += past.template topLeftCorner<Dim, Dim>();
+      coupling[j] += past.template topRightCorner<Dim, Dim>();
+      after[j] += past.template bottomRightCorner<Dim, Dim>();
     }
     for (std::size_t t = 0; t < points; ++t) {
       for (std::size_t j = 0; j < chains; ++j) {

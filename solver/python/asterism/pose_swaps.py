@@ -1,0 +1,151 @@
+"""Left and right that a detector takes for each other, for asterism.pose."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from . import inputs
+
+_Floats = npt.NDArray[np.float64]
+
+#: How much less probable an exchanged frame is, as a difference of energies: which of two whole paths is left is for the majority to say.
+_EXCHANGED = 0.05
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Exchanged:
+    """What exchange_back finds, for V views, T frames and P pairs of joints."""
+
+    #: As given, with the two joints of a pair exchanged where they were swapped.
+    detections: _Floats
+    #: (V, T, P), or (T, P) for one view that was given without its axis: where they were.
+    swapped: npt.NDArray[np.bool_]
+
+    def apply(self, values: npt.ArrayLike, pairs: Iterable[tuple[int, int]]) -> _Floats:
+        """Other numbers of the detections, such as confidence (V, T, J), exchanged in the same way."""
+        found = np.array(inputs.numbers(values, "values", missing=np.nan))
+        if found.shape[: self.swapped.ndim - 1] != self.swapped.shape[:-1]:
+            raise ValueError(f"values: expected shape {(*self.swapped.shape[:-1], '..')}, found {found.shape}")
+        _exchange(found, self.swapped, list(pairs))
+        return found
+
+    __repr__ = inputs.brief
+
+
+def left_right_pairs(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Pairs of joints of which the names differ in left and right alone: left_hip and right_hip, hipL and hipR, L1 and R1."""
+    place = {name: k for k, name in enumerate(names)}
+    pairs = []
+    for k, name in enumerate(names):
+        for left, right in (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT")):
+            if left in name and name.replace(left, right) in place:
+                pairs.append((k, place[name.replace(left, right)]))
+                break
+        else:
+            others = [name.removesuffix(end) + other for end, other in (("L", "R"), ("_l", "_r")) if name.endswith(end)]
+            others += [other + name.removeprefix(start) for start, other in (("L", "R"), ("l_", "r_")) if name.startswith(start)]
+            pairs += [(k, place[other]) for other in others if other in place][:1]
+    return pairs
+
+
+def exchange_back(detections: npt.ArrayLike, pairs: Iterable[tuple[int, int]], times: npt.ArrayLike | None = None) -> Exchanged:
+    """Undoes swaps of left and right: the labels under which the paths of both joints are smoothest.
+
+    detections: (V, T, J, 2) [px], or (T, J, 2) for one view; NaN where a joint was not seen. pairs: of joints that may be swapped, each joint in at most
+    one; left_right_pairs finds them by their names. times: (T,), rising; frame numbers if left out.
+
+    Each view and pair is decided on its own, by an exact minimum over all choices of frames (min-sum over a chain whose states are the labels of two neighbouring
+    frames): changes of velocity have Student's t distribution with one degree of freedom, of a scale that is their median, so that a jump which
+    both choices have, or an outlier, costs little. Frames that see one joint of the pair alone go to the nearer path. If most frames are swapped, the
+    result is swapped: nothing in a path says which side is left. ValueError for other shapes, bad pairs and times that do not rise.
+    """
+    found = np.array(inputs.numbers(detections, "detections", missing=np.nan))
+    if found.ndim not in (3, 4) or found.shape[-1] != 2:
+        raise ValueError(f"detections: expected shape (views, frames, joints, 2) or (frames, joints, 2), found {found.shape}")
+    views = found[None] if found.ndim == 3 else found
+    frames, joints = views.shape[1:3]
+    couples = [(int(a), int(b)) for a, b in pairs]
+    members = [joint for pair in couples for joint in pair]
+    if len(set(members)) < len(members) or not all(0 <= joint < joints for joint in members):
+        raise ValueError(f"pairs: expected pairs of two joints, 0 to {joints - 1}, each joint at most once")
+    when = np.arange(frames, dtype=float) if times is None else inputs.array(times, "times", (frames,))
+    if not np.isfinite(when).all() or (np.diff(when) <= 0).any():
+        raise ValueError("times: expected finite, rising times")
+    swapped = np.zeros((len(views), frames, len(couples)), bool)
+    for view, path in enumerate(views):
+        for p, (a, b) in enumerate(couples):
+            swapped[view, :, p] = _swapped(path[:, [a, b]], when)
+    _exchange(views, swapped, couples)
+    return Exchanged(found, swapped[0] if found.ndim == 3 else swapped)
+
+
+def _exchange(values: _Floats, swapped: npt.NDArray[np.bool_], pairs: list[tuple[int, int]]) -> None:
+    """In place; joints are the axis of values after those of the frames."""
+    for p, (a, b) in enumerate(pairs):
+        where = swapped[..., p]
+        left, right = values[where, a].copy(), values[where, b].copy()
+        values[where, a], values[where, b] = right, left
+
+
+def _swapped(path: _Floats, times: _Floats) -> npt.NDArray[np.bool_]:
+    """Of one pair (T, 2, 2)."""
+    is_seen = ~_isolated(path) & np.isfinite(path).all(-1)
+    both = np.flatnonzero(is_seen.all(1))
+    swapped = np.zeros(len(path), bool)
+    if len(both) < 2:
+        return swapped
+    swapped[both] = _smoothest(path[both], times[both])
+    right = path.copy()
+    right[swapped] = right[swapped, ::-1]
+    known = [np.stack([np.interp(times, times[both], right[both, side, axis]) for axis in range(2)], -1) for side in range(2)]
+    for joint in range(2):  # frames of one joint alone
+        alone = is_seen[:, joint] & ~is_seen[:, 1 - joint]
+        away = np.array([((path[alone, joint] - side[alone]) ** 2).sum(-1) for side in known])
+        swapped[alone] = away[1 - joint] < away[joint] / 4  # twice as near to the other's path
+    return swapped
+
+
+def _isolated(path: _Floats) -> npt.NDArray[np.bool_]:
+    """Detections (T, 2) that are far from all of either joint in the three frames before and after, but one: outliers, which would hide how the path goes on."""
+    near = []
+    for k in range(1, 4):
+        away = np.full((2, len(path), 2, 2), np.nan)
+        away[0, k:] = np.linalg.norm(path[k:, :, None] - path[:-k, None], axis=-1)
+        away[1, :-k] = np.linalg.norm(path[:-k, :, None] - path[k:, None], axis=-1)
+        near += [*away[..., 0], *away[..., 1]]
+    second = np.sort(np.array(near), axis=0)[1]  # NaN is last
+    known = second[np.isfinite(second)]
+    return second > 4 * np.percentile(known, 70) if len(known) else np.zeros(second.shape, bool)
+
+
+def _smoothest(path: _Floats, times: _Floats) -> npt.NDArray[np.bool_]:
+    """Of frames (T, 2, 2) that see both: Viterbi's algorithm over the labels of neighbouring frames."""
+    count = len(path)
+    step = np.diff(times)
+    label = np.stack([path, path[:, ::-1]])  # (label, T, joint, 2)
+    # (label before, label, T - 1, joint, 2)
+    speed = (label[None, :, 1:] - label[:, None, :-1]) / step[:, None, None]
+    square = (speed**2).sum(-1)
+    slow = float(np.median(square.min((0, 1))))
+    cost = np.log1p(square / max(16 * slow, 1e-12)).sum(-1)  # weak: it only tells apart what no change of velocity does
+    if count > 2:
+        # (label before, label, label after, T - 2, joint, 2)
+        change = (speed[None, :, :, 1:] - speed[:, :, None, :-1]) * np.sqrt(2 / (step[1:] + step[:-1]))[:, None, None]
+        square = (change**2).sum(-1)
+        bend = np.log1p(square / max(float(np.median(square.min((0, 1, 2)))), 1e-12)).sum(-1)  # each joint on its own: one may be an outlier
+    best = cost[:, :, 0] + _EXCHANGED * (np.arange(2)[:, None] + np.arange(2))
+    back = np.zeros((count, 2, 2), np.intp)
+    for t in range(2, count):
+        total = best[:, :, None] + bend[..., t - 2]
+        back[t] = total.argmin(0)
+        best = total.min(0) + cost[..., t - 1] + _EXCHANGED * np.arange(2)
+    found = np.zeros(count, np.intp)
+    found[-2:] = np.unravel_index(best.argmin(), (2, 2))
+    for t in range(count - 1, 1, -1):
+        found[t - 2] = back[t, found[t - 1], found[t]]
+    is_swapped = found.astype(bool)
+    return ~is_swapped if is_swapped.mean() > 0.5 else is_swapped
