@@ -15,7 +15,10 @@ import asterism
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs/options.md"
 # Options of a description that are no members of a struct.
-NO_MEMBERS = {"of": "Description of the tracker whose box is filtered."}
+NO_MEMBERS = {
+    "of": "Description of the tracker whose box is filtered.",
+    "redetect": "Search the whole frame for an object that has been lost (RedetectingTracker).",
+}
 
 HEAD = """# Options of trackers and part models
 

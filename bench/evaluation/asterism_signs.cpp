@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "dataset.hpp"
+#include "made_videos.hpp"
 #include "overlap.hpp"
 #include "run_tool.hpp"
 
@@ -20,85 +21,13 @@ namespace {
 
 using namespace asterism;
 using bench::Region;
-using bench::Sequence;
+using bench::Shown;
+using bench::Video;
 
-/// What a tracker is shown. Without `truth` the frame does not count, unless the object is known to be
-/// absent.
-struct Shown {
-  cv::Mat image;
-  std::optional<cv::Rect2d> truth;
-  bool absent = false;
-};
-using Video = std::vector<Shown>;
-
-// The object leaves before this frame, or after a third of a shorter sequence, ...
-constexpr std::size_t kLeaves = 40;
-// ... for so many frames, at most a quarter of the sequence, ...
+// For how many frames the object is away, at most a quarter of the sequence where its scene goes on.
 constexpr std::size_t kAway = 30;
-// ... and is followed for so many frames when it is back.
-constexpr std::size_t kAfter = 60;
 // The sequence that is shown meanwhile: so many further in the data set.
 constexpr std::size_t kOther = 7;
-
-Video video_of(const Sequence& sequence, std::size_t most) {
-  Video video;
-  bench::FrameReader reader(sequence);
-  for (std::size_t t = 0; t < std::min(most, sequence.length()); ++t) {
-    const std::optional<Region>& truth = sequence.truth[t];
-    video.push_back({reader(t).clone(), truth ? std::optional(truth->equal_area_box()) : std::nullopt});
-  }
-  return video;
-}
-
-// The image beside the object in place of the object, a fifth of its sides larger on each side.
-cv::Mat without_object(const cv::Mat& image, const cv::Rect2d& box) {
-  constexpr double kMargin = 0.2;
-  const cv::Rect all({}, image.size());
-  const cv::Rect hole =
-      cv::Rect(
-          cv::Point(cv::Point2d(box.x - kMargin * box.width, box.y - kMargin * box.height)),
-          cv::Point(cv::Point2d(box.x + (1 + kMargin) * box.width, box.y + (1 + kMargin) * box.height))) &
-      all;
-  cv::Mat result = image.clone();
-  if (hole.empty()) return result;
-  for (const cv::Point step : {cv::Point(-hole.width, 0), cv::Point(hole.width, 0),
-                               cv::Point(0, -hole.height), cv::Point(0, hole.height)})
-    if (((hole + step) & all) == hole + step) {
-      image(hole + step).copyTo(result(hole));
-      return result;
-    }
-  result(hole) = cv::mean(image);
-  return result;
-}
-
-// "pass": the sequence as it is. "covered": the object leaves a scene that goes on, and comes back. "cut":
-// the scene is replaced by another video, and then goes on a little later, a third of the frames away.
-Video made(const std::string& kind, const Video& video, const Video& other) {
-  if (kind == "pass") return video;
-  const std::size_t leaves = std::min(kLeaves, video.size() / 3), away = std::min(kAway, video.size() / 4),
-                    back = leaves + away, end = std::min(video.size(), back + kAfter);
-  Video result(video.begin(), video.begin() + static_cast<std::ptrdiff_t>(leaves));
-  if (kind == "covered") {
-    for (std::size_t t = leaves; t < end; ++t) {
-      const Shown& shown = video[t];
-      if (t < back && shown.truth)
-        result.push_back({without_object(shown.image, *shown.truth), {}, true});
-      else
-        result.push_back(shown);
-    }
-  } else if (kind == "cut") {
-    for (std::size_t t = 0; t < std::min(kAway, other.size()); ++t) {
-      cv::Mat image;
-      cv::resize(other[t].image, image, video[0].image.size(), 0, 0, cv::INTER_AREA);
-      result.push_back({image, {}, true});
-    }
-    result.insert(result.end(), video.begin() + static_cast<std::ptrdiff_t>(leaves + away / 3),
-                  video.begin() + static_cast<std::ptrdiff_t>(end));
-  } else {
-    throw std::invalid_argument("--kinds: unknown kind '" + kind + "' (known: pass, covered, cut)");
-  }
-  return result;
-}
 
 void follow(const std::string& name, const std::string& kind, const std::string& sequence, const Video& video,
             std::ostream& out) {
@@ -137,9 +66,7 @@ int main(int argc, char** argv) {
       "asterism-signs");
   app.add_option("DATASET", dataset, "a sequence, or a folder of sequences")->required();
   app.add_option("--trackers", names, "names or descriptions")->capture_default_str();
-  app.add_option("--kinds", kinds,
-                 "pass: as it is; covered: the image beside the object covers it for a while; cut: another "
-                 "sequence is inserted")
+  app.add_option("--kinds", kinds, "pass, covered, cut, elsewhere: docs/evaluation.md")
       ->capture_default_str();
   app.add_option("--frames", most, "of a sequence, at most")->capture_default_str();
   app.add_option("--out", file, "the CSV file to write")->required();
@@ -151,11 +78,11 @@ int main(int argc, char** argv) {
     std::ofstream out(file);
     out << "tracker,kind,sequence,frame,overlap,weak,shape,levels,colors,probability\n";
     for (std::size_t s = 0; s < data.sequences.size(); ++s) {
-      const Video video = video_of(data.sequences[s], most);
-      const Video other = video_of(data.sequences[(s + kOther) % data.sequences.size()], kAway);
+      const Video video = bench::shown(data.sequences[s], most);
+      const Video other = bench::shown(data.sequences[(s + kOther) % data.sequences.size()], kAway);
       for (const std::string& name : names)
         for (const std::string& kind : kinds)
-          follow(name, kind, data.sequences[s].name, made(kind, video, other), out);
+          follow(name, kind, data.sequences[s].name, bench::made_video(kind, video, other, kAway), out);
     }
     if (!out) throw std::runtime_error("cannot write " + file);
   });

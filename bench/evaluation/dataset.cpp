@@ -172,6 +172,7 @@ Dataset open_dataset(const fs::path& path, Layout layout, const std::vector<std:
         if (const std::string reason = reason_against(sequence.name); !reason.empty()) fail(f.path, reason);
         const auto [other, added] = names.emplace(sequence.name, f.path);
         if (!added) fail(f.path, "another sequence of that name is " + other->second.string());
+        sequence.from_one = f.reader->from_one;
         dataset.sequences.push_back(std::move(sequence));
       }
     } catch (const std::exception& error) {

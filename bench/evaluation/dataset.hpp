@@ -25,6 +25,7 @@ struct Sequence {
   std::map<std::string, std::vector<bool>> tags;  ///< attributes by name, one value per frame
   std::optional<PixelRange> range = {};           ///< of the images' pixels; none: as Frame assumes
   std::vector<double> practical;  ///< VOT's practical difference of overlaps, per frame; empty without it
+  bool from_one = false;          ///< `truth` counts pixels from 1, as OTB does, not from 0
 
   std::size_t length() const { return truth.size(); }
 };

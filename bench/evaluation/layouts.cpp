@@ -468,13 +468,13 @@ std::vector<Sequence> read_plain(const fs::path& path, Notes& notes) {
 }
 
 constexpr LayoutReader kReaders[] = {
-    {Layout::Otb, "otb", is_otb, is_otb, read_otb},
-    {Layout::Tc128, "tc128", is_tc128, is_tc128, read_tc128},
+    {Layout::Otb, "otb", is_otb, is_otb, read_otb, true},
+    {Layout::Tc128, "tc128", is_tc128, is_tc128, read_tc128, true},
     {Layout::Got10k, "got10k", is_got10k, has_ground_truth, read_got10k},
-    {Layout::Lasot, "lasot", is_lasot, has_ground_truth, read_lasot},
+    {Layout::Lasot, "lasot", is_lasot, has_ground_truth, read_lasot, true},
     {Layout::Vot, "vot", is_vot, is_vot, read_vot},
     {Layout::TrackingNet, "trackingnet", is_trackingnet, is_trackingnet, read_trackingnet},
-    {Layout::Uav123, "uav123", is_uav123, is_uav123, read_uav123},
+    {Layout::Uav123, "uav123", is_uav123, is_uav123, read_uav123, true},
     {Layout::Nfs, "nfs", [](const fs::path& path) { return is_nfs(path, "30"); },
      [](const fs::path& path) { return is_nfs(path, "30"); }, read_nfs},
     {Layout::Nfs240, "nfs240", [](const fs::path& path) { return is_nfs(path, "240"); },

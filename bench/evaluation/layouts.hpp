@@ -22,6 +22,8 @@ struct LayoutReader {
   /// Throws std::runtime_error, which names the file and says what to do. Corrections are described in
   /// `notes`, a line each.
   std::vector<Sequence> (*read)(const std::filesystem::path& path, std::vector<std::string>& notes);
+  /// Whether its boxes count pixels from 1.
+  bool from_one = false;
 };
 
 /// All layouts; of two that recognise a folder, the first is taken.

@@ -95,9 +95,11 @@ OtbBox clipped(OtbBox box, double image_width, double image_height) {
 
 }  // namespace
 
-bool is_valid(const OtbBox& box) { return box.left > 0 && box.top > 0 && box.width > 0 && box.height > 0; }
+bool is_valid(const OtbBox& box, bool from_one) {
+  return !has_nan(box) && box.width > 0 && box.height > 0 && (!from_one || (box.left > 0 && box.top > 0));
+}
 
-OnePassRun compare(std::span<const OtbBox> result, std::span<const OtbBox> truth) {
+OnePassRun compare(std::span<const OtbBox> result, std::span<const OtbBox> truth, bool from_one) {
   if (result.empty() || result.size() != truth.size())
     throw std::invalid_argument("no boxes, or not as many as of the ground truth");
   OnePassRun run;
@@ -106,7 +108,7 @@ OnePassRun compare(std::span<const OtbBox> result, std::span<const OtbBox> truth
     const bool no_box = has_nan(result[t]) || result[t].width <= 0 || result[t].height <= 0;
     if (t > 0 && !no_box) box = result[t];
     const OtbBox& compared = t == 0 ? truth[0] : box;
-    if (!is_valid(truth[t])) {
+    if (!is_valid(truth[t], from_one)) {
       run.overlaps.push_back(kMissing);
       run.centre_errors.push_back(kMissing);
       run.normalised_errors.push_back(kMissing);

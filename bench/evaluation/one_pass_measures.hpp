@@ -17,8 +17,10 @@ struct OtbBox {
   bool operator==(const OtbBox&) const = default;
 };
 
-/// Whether all four numbers are positive: OTB compares no other box, nor starts a tracker on one.
-bool is_valid(const OtbBox& box);
+/// Whether a box of the ground truth counts. Where pixels are counted from 1, all four numbers must be
+/// positive: OTB compares no other box, nor starts a tracker on one. Where they are counted from 0, the box
+/// must have a size: it may begin at the image's border, or outside.
+bool is_valid(const OtbBox& box, bool from_one);
 
 /// Frames of a run against the ground truth, -1 in frames without a valid one.
 struct OnePassRun {
@@ -27,8 +29,9 @@ struct OnePassRun {
   std::vector<double> normalised_errors;  ///< of x in widths and of y in heights of the ground truth
 };
 /// Frame 1 counts as the ground truth; a result that is not a box repeats the one before
-/// (calcSeqErrRobust.m). Throws std::invalid_argument for no frames or other numbers of boxes.
-OnePassRun compare(std::span<const OtbBox> result, std::span<const OtbBox> truth);
+/// (calcSeqErrRobust.m). from_one: whether the boxes count pixels from 1, as OTB's do. Throws
+/// std::invalid_argument for no frames or other numbers of boxes.
+OnePassRun compare(std::span<const OtbBox> result, std::span<const OtbBox> truth, bool from_one = true);
 
 /// The runs on one sequence: one, or those of the starts of TRE, SRE or another set of starts.
 struct OnePassSequence {

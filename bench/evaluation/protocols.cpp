@@ -225,7 +225,7 @@ std::vector<Run> runs_of(const Sequence& sequence, Protocol protocol, const Prot
       std::vector<bool> usable;
       for (const auto& truth : sequence.truth) {
         const cv::Rect2d box = truth ? truth->box() : cv::Rect2d();
-        usable.push_back(is_valid({box.x, box.y, box.width, box.height}));
+        usable.push_back(is_valid({box.x, box.y, box.width, box.height}, sequence.from_one));
       }
       const auto last =
           usable.size() < kFewestTemporal ? usable.begin() : usable.end() - (kFewestTemporal - 1);

@@ -67,7 +67,7 @@ OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence,
   }
   // The start frame has no region, but `compare` repeats it if the next one's is missing.
   if (!result.empty() && !trajectory.frames[first].region) result.front() = truth.front();
-  return compare(result, truth);
+  return compare(result, truth, sequence.from_one);
 }
 
 AnchorRun anchor_run(const Trajectory& trajectory, const Sequence& sequence, const Run& run,

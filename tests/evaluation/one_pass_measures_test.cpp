@@ -52,6 +52,12 @@ TEST(Compare, FramesWithoutGroundTruthAreMarked) {
   const OnePassRun run = compare(Boxes(4, {1, 1, 10, 10}), truth);
   EXPECT_EQ(run.overlaps, (std::vector<double>{1, -1, -1, -1}));
   EXPECT_EQ(run.centre_errors, (std::vector<double>{0, -1, -1, -1}));
+  // Counted from 0, a box may begin at the border of the image, or outside.
+  const Boxes from_zero = {{1, 1, 10, 10}, {0, 0, 10, 10}, {-5, 1, 10, 10}, {1, 1, 0, 10}};
+  EXPECT_EQ(compare(from_zero, from_zero, false).overlaps, (std::vector<double>{1, 1, 1, -1}));
+  EXPECT_EQ(compare(from_zero, from_zero).overlaps, (std::vector<double>{1, -1, -1, -1}));
+  EXPECT_EQ(compare(Boxes(2, {1, 1, 10, 10}), Boxes{{1, 1, 10, 10}, {kNaN, 1, 10, 10}}, false).overlaps[1],
+            -1);
   EXPECT_THROW(compare(truth, Boxes(3)), std::invalid_argument);
   EXPECT_THROW(compare(Boxes(), Boxes()), std::invalid_argument);
 }

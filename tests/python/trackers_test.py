@@ -265,7 +265,7 @@ class TrackersTest(unittest.TestCase):
         self.assertEqual((options["grid_rows"], options["part"]["model"]), (2, "kcf"))
         self.assertEqual(options, asterism.Tracker().options())
         self.assertNotIn("tracker", options)
-        for name, given in (("dpt_plus", None), ("kcf", {"use_color": True}), ("kalman", {"of": "coarse"})):
+        for name, given in (("dpt_plus", None), ("kcf", {"use_color": True, "redetect": True}), ("kalman", {"of": "coarse"})):
             with self.subTest(name):
                 tracker = self.started(name, given)
                 self.assertEqual(tracker.options(), asterism.tracker_options(name, given))

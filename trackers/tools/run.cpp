@@ -85,7 +85,7 @@ void check(const Options& options) {
   }
   for (const auto& [option, path] : files_of(options)) check_output(option, path);
   const auto needs_dpt = [&](const std::string& option) {
-    if (tracker.target<GatedTracker<Dpt>>() != nullptr) return;
+    if (SolveWatch::can_observe(tracker)) return;
     throw std::runtime_error(option + ": tracker \"" + options.tracker +
                              "\" solves no spring systems (dpt does)");
   };
@@ -341,9 +341,8 @@ void run(const Options& options) {
     double milliseconds = timed([&](size_t& i) {
       const Frame frame(image);
       for (; i < boxes.size(); ++i)
-        tracker.add(static_cast<int>(i),
-                    watched ? AnyTracker(*watch.make_tracker(names[i])) : make_tracker(names[i]), frame,
-                    results[i].box);
+        tracker.add(static_cast<int>(i), watched ? *watch.make_tracker(names[i]) : make_tracker(names[i]),
+                    frame, results[i].box);
     });
     timed([&](size_t& i) {
       const Frame frame(image);

@@ -1,5 +1,7 @@
 #include "system_recorder.hpp"
 
+#include <asterism/trackers/around/gated.hpp>
+#include <asterism/trackers/around/redetecting.hpp>
 #include <cerrno>
 #include <cmath>
 #include <stdexcept>
@@ -13,6 +15,16 @@
 #endif
 
 namespace asterism::tools {
+
+namespace {
+
+// The Dpt in a tracker, if there is one.
+const GatedTracker<Dpt>* dpt_in(const AnyTracker& tracker) {
+  const auto* const searching = tracker.target<RedetectingTracker>();
+  return (searching != nullptr ? searching->tracker() : tracker).target<GatedTracker<Dpt>>();
+}
+
+}  // namespace
 
 #ifdef ASTERISM_TRACK_HAS_JSON
 namespace {
@@ -44,9 +56,11 @@ SystemRecorder::SystemRecorder(const std::string& path, std::string name, std::s
   if (!file_) throw std::runtime_error("cannot write " + path_ + why());
 }
 
-std::optional<GatedTracker<Dpt>> SolveWatch::make_tracker(const std::string& description) {
+bool SolveWatch::can_observe(const AnyTracker& tracker) { return dpt_in(tracker) != nullptr; }
+
+std::optional<AnyTracker> SolveWatch::make_tracker(const std::string& description) {
   const AnyTracker tracker = asterism::make_tracker(description);
-  const auto* const dpt = tracker.target<GatedTracker<Dpt>>();
+  const GatedTracker<Dpt>* const dpt = dpt_in(tracker);
   if (dpt == nullptr) return {};
   DptOptions options = dpt->tracker().options();
   options.on_solve = [this](const DptSolve& solve) {
@@ -56,7 +70,9 @@ std::optional<GatedTracker<Dpt>> SolveWatch::make_tracker(const std::string& des
                         solve.start_box,
                         solve.summary});
   };
-  return GatedTracker(Dpt(options));
+  AnyTracker observed = GatedTracker(Dpt(options));
+  if (tracker.target<RedetectingTracker>() != nullptr) return RedetectingTracker(std::move(observed));
+  return observed;
 }
 
 void SystemRecorder::write([[maybe_unused]] int frame, [[maybe_unused]] const SolveWatch::Solve& solve,

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <fstream>
 #include <optional>
 #include <string>
@@ -23,9 +23,11 @@ class SolveWatch {
   SolveWatch(const SolveWatch&) = delete;
   SolveWatch& operator=(const SolveWatch&) = delete;
 
+  /// Whether a tracker is a Dpt, perhaps with a search for its object.
+  static bool can_observe(const AnyTracker& tracker);
   /// Makes the Dpt of a description and observes it; it must not outlive this object. Empty if the
   /// description is of another tracker.
-  std::optional<GatedTracker<Dpt>> make_tracker(const std::string& description);
+  std::optional<AnyTracker> make_tracker(const std::string& description);
   /// Empty before the first solve.
   const std::optional<Solve>& last() const { return last_; }
 

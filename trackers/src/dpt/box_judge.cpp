@@ -39,18 +39,33 @@ void BoxJudge::init(const Frame& frame, const cv::Rect2d& box) {
   judged_ = false;
 }
 
-double BoxJudge::update(const Frame& frame, const cv::Rect2d& box) {
+BoxJudge::Likeness BoxJudge::compare(const Frame& frame, const cv::Rect2d& box) {
   look(frame, box, now_);
+  return {now_.shape.dot(first_.shape), now_.levels.dot(first_.levels), now_.colors.dot(first_.colors)};
+}
+
+void BoxJudge::average(const Likeness& seen) {
   const double rate = judged_ ? kRate : 1;
   judged_ = true;
-  const auto average = [rate](double& mean, float value) {
-    mean += rate * (static_cast<double>(value) - mean);
-  };
-  average(likeness_.shape, now_.shape.dot(first_.shape));
-  average(likeness_.levels, now_.levels.dot(first_.levels));
-  average(likeness_.colors, now_.colors.dot(first_.colors));
-  const double log_odds = kConstant + kWeight.shape * likeness_.shape + kWeight.levels * likeness_.levels +
-                          kWeight.colors * likeness_.colors;
+  const auto move = [rate](double& mean, double value) { mean += rate * (value - mean); };
+  move(likeness_.shape, seen.shape);
+  move(likeness_.levels, seen.levels);
+  move(likeness_.colors, seen.colors);
+}
+
+void BoxJudge::restart(const Likeness& seen) {
+  judged_ = true;
+  likeness_ = seen;
+}
+
+double BoxJudge::update(const Frame& frame, const cv::Rect2d& box) {
+  average(compare(frame, box));
+  return probability(likeness_);
+}
+
+double BoxJudge::probability(const Likeness& likeness) {
+  const double log_odds = kConstant + kWeight.shape * likeness.shape + kWeight.levels * likeness.levels +
+                          kWeight.colors * likeness.colors;
   return 1 / (1 + std::exp(-log_odds));
 }
 

@@ -3,6 +3,7 @@
 #include <asterism/solver/base/edit_distance.hpp>
 #include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/around/kalman.hpp>
+#include <asterism/trackers/around/redetecting.hpp>
 #include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/others/lgt.hpp>
@@ -150,7 +151,7 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
 
 // Makes a tracker by its name, as an AnyTracker or another type that any tracker converts to.
 template <class Made>
-Made make_named(std::string_view name, std::string_view json) {
+Made make_plain(std::string_view name, std::string_view json) {
   if (const auto options = dpt_variant(name)) return GatedTracker(Dpt(with(*options, name, json)));
   if (const auto options = dpt_net(name)) return GatedTracker(Dpt(with(*options, name, json)));
   if (const auto options = coarse_variant(name))
@@ -158,6 +159,34 @@ Made make_named(std::string_view name, std::string_view json) {
   if (name == "lgt") return GatedTracker(Lgt(with(LgtOptions(), name, json)));
   if (name == "kalman") return make_kalman<Made>(name, json);
   refuse_name(std::string(name));
+}
+
+// The same with the option "redetect", which every tracker has, and which is no member of its options.
+template <class Made>
+Made make_named(std::string_view name, std::string_view json) {
+#ifdef ASTERISM_TRACKERS_JSON
+  detail::check_nesting(std::string(name), json);
+  auto object = nlohmann::ordered_json::parse(json, nullptr, false);  // refused below if not an object
+  std::string others(json);
+  bool redetect = false;
+  if (object.is_object() && object.contains("redetect")) {
+    if (!object["redetect"].is_boolean())
+      throw std::invalid_argument(std::string(name) + ": option 'redetect' must be true or false, not " +
+                                  object["redetect"].dump());
+    redetect = object["redetect"].get<bool>();
+    object.erase("redetect");
+    others = object.dump();
+  }
+  Made made = make_plain<Made>(name, others);
+  if constexpr (std::same_as<Made, AnyTracker>) {
+    if (redetect) return RedetectingTracker(std::move(made));
+  } else {
+    made.options["redetect"] = redetect;
+  }
+  return made;
+#else
+  return make_plain<Made>(name, json);
+#endif
 }
 
 // Makes a tracker by its description and stores its name in `name`.
@@ -169,7 +198,9 @@ Made make_described(std::string_view description, std::string& name) {
     name = "dpt";
     DptOptions options;
     options.part = PartRegistry().make(description.substr(kParts.size()));
-    return GatedTracker(Dpt(options));
+    Made made = GatedTracker(Dpt(options));
+    if constexpr (!std::same_as<Made, AnyTracker>) made.options["redetect"] = false;
+    return made;
   }
   if (description.starts_with('{')) {
     detail::check_nesting("a tracker's description", description);

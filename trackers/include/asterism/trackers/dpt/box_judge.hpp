@@ -33,8 +33,17 @@ class ASTERISM_API BoxJudge {
 
   /// Remember the object in this box.
   void init(const Frame& frame, const cv::Rect2d& box);
-  /// The probability, in [0, 1], that the box of the next frame overlaps the object.
+  /// How much a box of a frame is like the object. The averages stay as they are.
+  Likeness compare(const Frame& frame, const cv::Rect2d& box);
+  /// Takes the likeness of the next frame's box into the averages; `probability(likeness())` is then the
+  /// probability that this box overlaps the object.
+  void average(const Likeness& seen);
+  /// The averages start again at this likeness: the object was found in another place.
+  void restart(const Likeness& seen);
+  /// The probability, in [0, 1], that the box of the next frame overlaps the object: `compare`, `average`.
   double update(const Frame& frame, const cv::Rect2d& box);
+  /// The probability of a likeness, in [0, 1]. The weights were fitted to averages.
+  static double probability(const Likeness& likeness);
 
   /// The averages after the last frame.
   const Likeness& likeness() const { return likeness_; }
