@@ -199,6 +199,18 @@ TEST(Staircase, OfLargeSparseSystems) {
   }
 }
 
+// Hundreds of places in which nodes have changed places, each of which has to leave the plane.
+TEST(Staircase, BoundsThousandsOfNodes) {
+  const auto [springs, start] = testing::sparse_system<Plane>(4, 3000);
+  const System system = to_system(springs);
+  MatrixXd x = start, alone = start;
+  const Summary plain = solve(system, alone), summary = solve("staircase", system, x);
+  ASSERT_TRUE(summary.usable());
+  EXPECT_LT(summary.final_energy, plain.final_energy);
+  EXPECT_LE(summary.lower_bound, summary.final_energy);
+  EXPECT_TRUE(summary.is_within(0.06)) << summary.lower_bound << " of " << summary.final_energy;
+}
+
 TEST(Staircase, PassesOnWhatItsMethodSays) {
   const auto [springs, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(6), 2);
   const System system = to_system(springs);

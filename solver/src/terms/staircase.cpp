@@ -5,6 +5,7 @@
 #include <asterism/solver/base/stopwatch.hpp>
 #include <asterism/solver/terms/solution.hpp>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <new>
 #include <optional>
@@ -105,7 +106,9 @@ class LastCoordinate final : public CurvatureSink {
 // The highest lower bound of the energy by quadratics that touch it near x, and not at x: at a minimum in
 // more dimensions than it needs, the one that touches it at x is constant along a line. x is moved in the
 // coordinates from `from` on, in which nothing is at rest elsewhere, so that no link becomes shorter; and in
-// all coordinates away from the centroid, so that most links become longer.
+// all coordinates away from the centroid, so that most links become longer. With a small share of it the
+// quadratic has no minimum or a very low one, with a large one it is far below the energy: the best is
+// searched for by ever smaller factors.
 double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
   if (!missing_curvature(system, Curvature::Minorising).empty()) return 0;
   SystemProver prover(system);
@@ -114,14 +117,28 @@ double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
   for (int i = 0; i < system.nodes(); ++i) {
     if (system.is_fixed(i)) all.col(i).setZero();
   }
+  constexpr double kFactor = 10;
+  constexpr int kRefinements = 3;
   double highest = 0;
   for (const Eigen::MatrixXd* out : {&last, &all}) {
-    double best = 0;
-    for (double share = 1e-9; share <= 1 && (out->array() != 0).any(); share *= 10) {
+    if (!(out->array() != 0).any()) continue;
+    double best = 0, best_share = 0;
+    bool has_minimum = false;
+    const auto is_better = [&](double share) {
       const Certificate certificate = prover.certify(x + share * *out, 0);
-      if (!is_finite(certificate.distance)) continue;  // no such quadratic has a minimum
-      if (!(certificate.lower_bound > best)) break;
+      has_minimum = is_finite(certificate.distance);
+      if (!has_minimum || !(certificate.lower_bound > best)) return false;
       best = certificate.lower_bound;
+      best_share = share;
+      return true;
+    };
+    for (double share = 1e-9; share <= 1; share *= kFactor) {
+      if (!is_better(share) && has_minimum && best > 0) break;
+    }
+    double factor = kFactor;
+    for (int refinement = 0; refinement < kRefinements && best > 0; ++refinement) {
+      factor = std::sqrt(factor);
+      if (!is_better(best_share / factor)) is_better(best_share * factor);
     }
     highest = std::max(highest, best);
   }
@@ -141,18 +158,23 @@ class Climb {
     if (is_proven()) return;
     Eigen::MatrixXd points = x_;
     for (const int more : {1, kMostLifts}) {
-      if (!descend(lifted(system_, system_.dim() + more), points) || is_end(points)) return;
+      if (!descend(lifted(system_, system_.dim() + more), points) || is_end(points) || is_large()) return;
     }
   }
 
  private:
-  // Moves `points`, of fewer rows, down from where they are: first into a dimension that they lack, along
-  // negative curvature, then to a minimum, and raises the lower bound by what is proven there. False where
-  // there is no way down.
+  // A system of many parts that hardly depend on each other, each of which may have a better place in one
+  // more dimension; more of these take very long.
+  bool is_large() const { return system_.nodes() > 1000; }
+
+  // Moves `points`, of fewer rows, down from where they are: first into a dimension that they lack, then to a
+  // minimum, and raises the lower bound by what is proven there. False where there is no way down.
   bool descend(const System& lifted, Eigen::MatrixXd& points) {
     Eigen::MatrixXd x = Eigen::MatrixXd::Zero(lifted.dim(), lifted.nodes());
     x.topRows(points.rows()) = points;
-    if (!step_off(lifted, x)) {
+    if (is_large()) {
+      displace(lifted, x);
+    } else if (!step_off(lifted, x)) {
       best_.lower_bound =
           std::max(best_.lower_bound, bound_near(system_, x.topRows(system_.dim()), system_.dim()));
       return false;
@@ -170,7 +192,19 @@ class Climb {
     return true;
   }
 
-  // By the first of ever shorter steps that lowers the energy by a tenth of what the curvature promises.
+  // Moves each node by up to a tenth of the characteristic length in the last coordinate: a direction of
+  // negative curvature would move one part of the system, or few.
+  static void displace(const System& lifted, Eigen::MatrixXd& x) {
+    const double most = characteristic_length(lifted, x) / 10;
+    for (int i = 0; i < lifted.nodes(); ++i) {
+      // Fibonacci hashing: numbers without a pattern, the same on every machine.
+      const std::uint64_t hash = (static_cast<std::uint64_t>(i) + 1) * 0x9e3779b97f4a7c15U >> 11;
+      if (!lifted.is_fixed(i)) x(lifted.dim() - 1, i) = most * (0x1p-52 * static_cast<double>(hash) - 1);
+    }
+  }
+
+  // Along negative curvature, by the first of ever shorter steps that lowers the energy by a tenth of what
+  // the curvature promises.
   bool step_off(const System& lifted, Eigen::MatrixXd& x) {
     Eigen::VectorXd v;
     double curvature = LastCoordinate(lifted, x).negative_direction(v);
