@@ -2,6 +2,7 @@
 #include <Eigen/LU>
 #include <asterism/solver/linear/difference_chains.hpp>
 #include <limits>
+#include <optional>
 
 #include "bindings.hpp"
 
@@ -216,7 +217,8 @@ void bind_pose(py::module_& m) {
   m.def(
       "_difference_chains",
       [](const Floats& information, const Floats& right_side, const Floats& coefficients,
-         const Floats& weight, bool covariance, const Floats& prior) {
+         const Floats& weight, bool covariance, const std::optional<Floats>& given_prior) {
+        const Floats prior = given_prior.value_or(Floats(0));
         const auto points = right_side.shape(0), joints = right_side.shape(1), dim = right_side.shape(2);
         const auto differences = std::max<py::ssize_t>(points - 2, 0);
         if (shape_of(information) != Shape{points, joints, dim * (dim + 1) / 2} ||
@@ -228,7 +230,7 @@ void bind_pose(py::module_& m) {
                         : chains<3>(information, right_side, coefficients, weight, covariance, prior);
       },
       py::arg("information"), py::arg("right_side"), py::arg("coefficients"), py::arg("weight"),
-      py::arg("covariance") = true, py::arg("prior") = Floats(0));
+      py::arg("covariance") = true, py::arg("prior") = py::none());
   m.def(
       "_pose_evidence",
       [](const Floats& points, const Floats& sights, const Floats& cameras, const Floats& weight,
