@@ -1,4 +1,6 @@
 // The chains of joints over time, for asterism.pose.
+#include <pybind11/stl.h>
+
 #include <Eigen/LU>
 #include <asterism/solver/linear/difference_chains.hpp>
 #include <limits>
