@@ -1198,6 +1198,47 @@ TEST(SystemSolution, BoundsAllowForRounding) {
 }
 
 // Whether a minimum is certified does not depend on the unit of stiffness, with a fixed node or without.
+// Offsets that contradict each other on weak anchors: a quadratic energy whose matrix is nearly singular. Its
+// minimum is found in long double.
+TEST(SystemSolution, NoBoundIsAboveTheLeastEnergy) {
+  using Matrix = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
+  int bounds = 0;
+  for (std::uint64_t seed = 1; seed <= 400; ++seed) {
+    Rng rng(seed);
+    const int n = 2 + static_cast<int>(seed % 9);
+    const MatrixXd x = random_points(rng, 2, n, 10), places = random_points(rng, 2, n, 10);
+    const Eigen::Matrix2Xi pairs = all_pairs(n);
+    const int count = static_cast<int>(pairs.cols());
+    const MatrixXd offsets = random_points(rng, 2, count, 10);
+    const Eigen::VectorXd k = random_values(rng, count, 0.1, 2);
+    const double weak = std::pow(10, -rng.uniform(9, 12.5));
+    System system(n, 2);
+    system.add_anchors(places, System::all(weak));
+    system.add_offsets(pairs, offsets, k);
+    const Certificate certificate = certify(system, x);
+    if (!(certificate.lower_bound > 0)) continue;
+    ++bounds;
+    Matrix a = Matrix::Identity(n, n) * weak, b = weak * places.transpose().cast<long double>();
+    for (int l = 0; l < count; ++l) {
+      Eigen::Matrix<long double, Eigen::Dynamic, 1> difference =
+          Eigen::Matrix<long double, Eigen::Dynamic, 1>::Zero(n);
+      difference[pairs(0, l)] = 1, difference[pairs(1, l)] = -1;
+      a += k[l] * difference * difference.transpose();
+      b += k[l] * difference * offsets.col(l).transpose().cast<long double>();
+    }
+    const Matrix y = a.ldlt().solve(b);
+    long double least = 0;
+    for (int i = 0; i < n; ++i)
+      least += weak / 2 * (y.row(i) - places.col(i).transpose().cast<long double>()).squaredNorm();
+    for (int l = 0; l < count; ++l)
+      least += k[l] / 2 *
+               (y.row(pairs(0, l)) - y.row(pairs(1, l)) - offsets.col(l).transpose().cast<long double>())
+                   .squaredNorm();
+    EXPECT_LE(certificate.lower_bound, static_cast<double>(least)) << seed;
+  }
+  EXPECT_GT(bounds, 200);
+}
+
 TEST(SystemSolution, IsCertifiedInAnyUnit) {
   for (const double unit : {1e-30, 1.0, 1e30}) {
     System system(2, 2);

@@ -299,28 +299,6 @@ bool SystemFactor::is_thin(const SystemMatrix& matrix) {
   return cholesky_.multiplications() <= kMost * matrix.rows();
 }
 
-namespace {
-
-// Up to so many rows, a product with the inverse is faster than two substitutions, each of whose steps waits
-// for the one before. It is the inverse of a matrix that only has to be near the Hessian.
-constexpr int kFewRows = 24;
-
-// The product of points, kDim to a column, with a symmetric matrix.
-template <int kDim>
-void multiply(const Eigen::MatrixXd& points, const Eigen::MatrixXd& matrix, Eigen::MatrixXd& product) {
-  const Eigen::Index n = matrix.rows();
-  for (Eigen::Index c = 0; c < n; ++c) {
-    const double *const column = matrix.data() + c * n, *point = points.data();
-    double sum[kDim] = {};
-    for (Eigen::Index r = 0; r < n; ++r, point += kDim) {
-      for (int d = 0; d < kDim; ++d) sum[d] += column[r] * point[d];
-    }
-    std::copy_n(sum, kDim, product.data() + c * kDim);
-  }
-}
-
-}  // namespace
-
 bool SystemFactor::factorize(const SystemMatrix& matrix) {
   constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();
   const auto is_positive = [&matrix](double pivot, int row) {
@@ -329,14 +307,12 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
   rows_ = matrix.rows();
   is_dense_ = matrix.is_dense();
   is_shared_ = matrix.is_shared();
-  inverse_.resize(0, 0);
   if (is_dense_) {
     factor_ = matrix.dense();
     if (!DenseFactor<double>::factorize(factor_.data(), factor_.rows())) return false;
     for (int c = 0; c < matrix.rows(); ++c) {
       if (!is_positive(factor_(c, c) * factor_(c, c), c)) return false;
     }
-    if (is_shared_ && rows_ <= kFewRows) inverse_ = solve_all(Eigen::MatrixXd::Identity(rows_, rows_));
     return true;
   }
   analyze(matrix);
@@ -369,15 +345,6 @@ Eigen::MatrixXd SystemFactor::solve_all(const Eigen::MatrixXd& right) const {
 }
 
 Eigen::MatrixXd SystemFactor::solve(const Eigen::MatrixXd& points) const {
-  if (inverse_.rows() == rows_ && points.cols() == rows_) {
-    Eigen::MatrixXd solution(points.rows(), rows_);
-    if (points.rows() == 2) {
-      multiply<2>(points, inverse_, solution);
-    } else {
-      solution.noalias() = points.lazyProduct(inverse_);
-    }
-    return solution;
-  }
   if (is_shared_) return solve_all(points.transpose()).transpose();
   Eigen::VectorXd right = Eigen::VectorXd::Zero(rows_);
   right.head(points.size()) = points.reshaped();

@@ -125,8 +125,7 @@ class SystemFactor {
 
   int rows_ = 0;
   bool is_dense_ = false, is_shared_ = false;
-  Eigen::MatrixXd factor_;   // of a dense matrix: L in the lower triangle
-  Eigen::MatrixXd inverse_;  // of a small one for all coordinates alike, else without entries
+  Eigen::MatrixXd factor_;  // of a dense matrix: L in the lower triangle
   SparseFactor<double> cholesky_;
   std::unique_ptr<SparseFactorization> other_;  // in place of cholesky_
   int pattern_ = -1;
