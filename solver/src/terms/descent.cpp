@@ -4,7 +4,7 @@
 #include <limits>
 #include <optional>
 
-#include "lbfgs_pairs.hpp"
+#include "lbfgs.hpp"
 #include "matrix.hpp"
 #include "methods.hpp"
 #include "run.hpp"
@@ -18,8 +18,8 @@ namespace detail {
 namespace {
 
 // -A^-1 v for the nodes' stiffness A.
-Eigen::MatrixXd scaled(const SystemRun& run, const Eigen::MatrixXd& v) {
-  return -v * run.rule().node_stiffness().cwiseInverse().asDiagonal();
+void scale(const SystemRun& run, const Eigen::MatrixXd& v, Eigen::MatrixXd& result) {
+  result.noalias() = v * (-run.rule().node_stiffness().cwiseInverse()).asDiagonal();
 }
 
 // Links between all pairs of nodes, or so many of them and of so like stiffness that (sum k)^2 / sum k^2, the
@@ -65,15 +65,80 @@ class EvenLinks {
   }
 
   // -(D - d d^T / sum d)^-1 v (Sherman and Morrison 1950), 0 for fixed nodes, as v is.
-  Eigen::MatrixXd descent(const Eigen::MatrixXd& v) const {
-    Eigen::MatrixXd result = -v * inverse_.asDiagonal();
+  void descend(const Eigen::MatrixXd& v, Eigen::MatrixXd& result) const {
+    result.noalias() = v * (-inverse_).asDiagonal();
     const Eigen::VectorXd together = result * share_;
     result.noalias() += together * ratio_.transpose();
-    return result;
   }
 
  private:
   Eigen::VectorXd inverse_, ratio_, share_;
+};
+
+// Solves with IDA's factored matrix. That of few nodes is inverted: a product is faster than two
+// substitutions, each of whose steps waits for the one before. An inverse may be off by eps cond(K) of
+// itself: a step of IDA then no longer lowers the energy, and other methods have a metric of no use. So it
+// serves only where half of the digits are left; the trace is no less than the largest eigenvalue of the
+// inverse of K scaled to a diagonal of 1.
+class SharedSteps {
+ public:
+  // False where the matrix is not positive definite.
+  bool factorize(const SystemMatrix& matrix) {
+    constexpr Eigen::Index kFew = 40;
+    constexpr double kHalfOfDigits = 1.5e-8;
+    if (!factor_.factorize(matrix)) return false;
+    const Eigen::Index rows = matrix.rows();
+    if (!matrix.is_shared() || !matrix.is_dense() || rows > kFew) return true;
+    inverse_ = factor_.solve_all(Eigen::MatrixXd::Identity(rows, rows));
+    if (!(kHalfOfDigits * matrix.dense().diagonal().dot(inverse_.diagonal()) < 1)) inverse_.resize(0, 0);
+    return true;
+  }
+
+  // result <- K^-1 v.
+  void solve(const Eigen::MatrixXd& v, Eigen::MatrixXd& result) const {
+    if (inverse_.size() == 0) {
+      result = factor_.solve(v);
+    } else if (v.rows() == 2) {
+      multiply<2>(v, result);
+    } else if (v.rows() == 3) {
+      multiply<3>(v, result);
+    } else {
+      result = v.lazyProduct(inverse_);
+    }
+  }
+
+ private:
+  // Four nodes of the result at a time.
+  template <int D>
+  void multiply(const Eigen::MatrixXd& v, Eigen::MatrixXd& result) const {
+    using Four = Eigen::Array<double, 4, 1>;
+    const Eigen::Index n = v.cols();
+    result.resize(D, n);
+    const double* const from = v.data();
+    double* const to = result.data();
+    Eigen::Index j = 0;
+    for (; j + 4 <= n; j += 4) {
+      Four sums[D];
+      for (int c = 0; c < D; ++c) sums[c].setZero();
+      for (Eigen::Index k = 0; k < n; ++k) {
+        const Four row = Eigen::Map<const Four>(&inverse_(j, k));  // which is symmetric
+        for (int c = 0; c < D; ++c) sums[c] += row * from[D * k + c];
+      }
+      for (int r = 0; r < 4; ++r) {
+        for (int c = 0; c < D; ++c) to[D * (j + r) + c] = sums[c][r];
+      }
+    }
+    for (; j < n; ++j) {
+      for (int c = 0; c < D; ++c) {
+        double sum = 0;
+        for (Eigen::Index k = 0; k < n; ++k) sum += inverse_(k, j) * from[D * k + c];
+        to[D * j + c] = sum;
+      }
+    }
+  }
+
+  SystemFactor factor_;
+  Eigen::MatrixXd inverse_;
 };
 
 // The inverse of IDA's matrix, or of what stands for it: where links are even, of that of links between all
@@ -88,17 +153,20 @@ class Metric {
       even_.emplace(system, run.rule().node_stiffness());
       return;
     }
-    matrix_.assemble(system, run.x(), is_majoriser ? Curvature::Majorising : Curvature::Clamped);
-    if (!is_majoriser) matrix_.shift(run.rule().node_stiffness(), kShare);
+    SystemMatrix matrix(SystemMatrix::Storage::Best);
+    matrix.assemble(system, run.x(), is_majoriser ? Curvature::Majorising : Curvature::Clamped);
+    if (!is_majoriser) matrix.shift(run.rule().node_stiffness(), kShare);
     ++run.summary().factorizations;
-    is_factored_ = factor_.factorize(matrix_);
+    is_factored_ = steps_.factorize(matrix);
   }
 
-  Eigen::MatrixXd descent(const Eigen::MatrixXd& gradient) const {
-    if (even_) return even_->descent(gradient);
-    if (!is_factored_) return scaled(run_, gradient);
+  // result <- -M^-1 gradient.
+  void descend(const Eigen::MatrixXd& gradient, Eigen::MatrixXd& result) const {
+    if (even_) return even_->descend(gradient, result);
+    if (!is_factored_) return scale(run_, gradient, result);
     ++run_.summary().linear_solves;
-    return -factor_.solve(gradient);
+    steps_.solve(gradient, result);
+    result = -result;
   }
 
  private:
@@ -106,32 +174,8 @@ class Metric {
 
   SystemRun& run_;
   std::optional<EvenLinks> even_;
-  SystemMatrix matrix_{SystemMatrix::Storage::Best};
-  SystemFactor factor_;
+  SharedSteps steps_;
   bool is_factored_ = false;
-};
-
-// Solves with IDA's factored matrix. That of few nodes is inverted: a product is faster than two
-// substitutions, each of whose steps waits for the one before. It is not backward stable, which IDA is not
-// the worse for, as each step begins with the gradient of the last, but a proof would be.
-class IdaSteps {
- public:
-  IdaSteps(const SystemMatrix& matrix, const SystemFactor& factor) : factor_(factor) {
-    constexpr Eigen::Index kFew = 24;
-    const Eigen::Index rows = matrix.rows();
-    if (matrix.is_shared() && matrix.is_dense() && rows <= kFew)
-      inverse_ = factor.solve_all(Eigen::MatrixXd::Identity(rows, rows));
-  }
-
-  Eigen::MatrixXd operator()(const Eigen::MatrixXd& gradient) const {
-    if (inverse_.size() == 0) return factor_.solve(gradient);
-    if (gradient.rows() != 2) return gradient.lazyProduct(inverse_);
-    return Eigen::Map<const Eigen::Matrix2Xd>(gradient.data(), 2, gradient.cols()).lazyProduct(inverse_);
-  }
-
- private:
-  const SystemFactor& factor_;
-  Eigen::MatrixXd inverse_;
 };
 
 double dot(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) { return a.cwiseProduct(b).sum(); }
@@ -147,17 +191,17 @@ Summary SystemIda::solve(const System& system, Eigen::MatrixXd& x) const {
       return Status::InvalidInput;
     }
     SystemMatrix matrix(SystemMatrix::Storage::Best);
-    SystemFactor factor;
+    SharedSteps steps;
     matrix.assemble(run.system(), run.x(), Curvature::Majorising);
     ++run.summary().factorizations;
-    if (!factor.factorize(matrix)) {
+    if (!steps.factorize(matrix)) {
       run.summary().message =
           "K_dyn is not positive definite: the anchors are too weak compared with the springs";
       return Status::NumericalFailure;
     }
-    const IdaSteps step_of(matrix, factor);
+    Eigen::MatrixXd step;
     while (!run.is_over()) {
-      const Eigen::MatrixXd step = step_of(run.gradient());
+      steps.solve(run.gradient(), step);
       ++run.summary().linear_solves;
       run.move_by(-relaxation, step);  // Eq. 19
       ++run.summary().iterations;
@@ -168,20 +212,12 @@ Summary SystemIda::solve(const System& system, Eigen::MatrixXd& x) const {
 
 Summary SystemLbfgs::solve(const System& system, Eigen::MatrixXd& x) const {
   return SystemRun::solve(name(), options, system, x, [](SystemRun& run) {
-    LbfgsPairs pairs;
     const Metric metric(run);
-    const auto descent = [&metric](const Eigen::MatrixXd& v) { return metric.descent(v); };
+    LbfgsSteps steps(
+        run, [&metric](const Eigen::MatrixXd& v, Eigen::MatrixXd& result) { metric.descend(v, result); });
     while (!run.is_over()) {
-      const Eigen::MatrixXd direction = pairs.direction(run.gradient(), descent);
-      const double slope = dot(run.gradient(), direction);
-      double step = 1;
-      if (!(slope < 0) || !run.search(direction, step)) {
-        if (pairs.empty()) return Status::NoProgress;
-        pairs.clear();
-        continue;
-      }
+      if (!steps.advance()) return Status::NoProgress;
       ++run.summary().iterations;
-      pairs.add(step * direction, run.gradient() - run.previous_gradient(), step * slope);
     }
     return run.end();
   });
@@ -189,7 +225,9 @@ Summary SystemLbfgs::solve(const System& system, Eigen::MatrixXd& x) const {
 
 Summary SystemCg::solve(const System& system, Eigen::MatrixXd& x) const {
   return SystemRun::solve(name(), options, system, x, [](SystemRun& run) {
-    Eigen::MatrixXd descent = scaled(run, run.gradient()), direction = descent;
+    Eigen::MatrixXd descent, next;
+    scale(run, run.gradient(), descent);
+    Eigen::MatrixXd direction = descent;
     double step = 1, slope = dot(run.gradient(), direction);
     bool is_restart = true;
     while (!run.is_over()) {
@@ -202,11 +240,11 @@ Summary SystemCg::solve(const System& system, Eigen::MatrixXd& x) const {
         continue;
       }
       ++run.summary().iterations;
-      const Eigen::MatrixXd next = scaled(run, run.gradient());
+      scale(run, run.gradient(), next);
       // max(0, g_new A^-1 (g_new - g) / g A^-1 g)
       const double beta =
           std::max(0.0, dot(run.gradient(), next - descent) / dot(run.previous_gradient(), descent));
-      descent = next;
+      descent.swap(next);
       direction = descent + beta * direction;
       const double previous_slope = slope;
       slope = dot(run.gradient(), direction);

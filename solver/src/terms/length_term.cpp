@@ -421,7 +421,7 @@ double LengthTerm::sum_of_rows(const Points& x, Points* gradient) const {
   std::fill_n(forces, dim * stride, 0.0);
   const auto row = [&](const Numbers& numbers, int r) {
     double* const copies = repeated + r * stride;
-    if (numbers.stride == 0) std::fill_n(copies, n, *numbers[0]);
+    if (numbers.stride == 0) std::fill_n(copies, stride, *numbers[0]);
     return lanes_v0_1::LinkNumbers{numbers.stride == 0 ? copies : numbers.data, numbers.stride};
   };
   constexpr double kEnds[] = {-std::numeric_limits<double>::infinity(),
@@ -438,9 +438,9 @@ double LengthTerm::sum_of_rows(const Points& x, Points* gradient) const {
     Points* gradient;
     double energy = 0;
   } left_out{*this, x, gradient};
-  const lanes_v0_1::LinkRows rows{.pairs = nodes().data(),
+  const lanes_v0_1::LinkRows rows{.pairs = all_pairs_of() > 0 ? nullptr : nodes().data(),
                                   .count = size(),
-                                  .nodes = n,
+                                  .nodes = all_pairs_of() > 0 ? all_pairs_of() : n,
                                   .dim = dim,
                                   .stride = stride,
                                   .points = points,
@@ -483,7 +483,8 @@ double LengthTerm::energy(const Points& x, Points* gradient) const {
     if (function() == nullptr && !numbers(kInformation)) {
       const auto n = static_cast<int>(x.cols());
       const bool are_rows = arity() == 2 && size() / 3 >= n && law() <= LinkLaw::Interval &&
-                            loss() == Loss::Quadratic && !numbers(kOffset) && mostly_in_rows(nodes());
+                            loss() == Loss::Quadratic && !numbers(kOffset) &&
+                            (all_pairs_of() > 0 || mostly_in_rows(nodes()));
       if (are_rows) return sum_of_rows<D>(x, gradient);
       if constexpr (D != Eigen::Dynamic) {
         return arity() == 2 ? plain_sum<D, 2>(x, gradient) : plain_sum<D, 3>(x, gradient);
@@ -554,29 +555,36 @@ void LengthTerm::add_curvature(const Points& x, int begin, int end, Curvature cu
               });
 }
 
+// That of the majoriser without information, k I.
+void LengthTerm::add_stiffness(CurvatureSink& sink) const {
+  constexpr int kMost = 256;
+  const Numbers stiffness = numbers(kStiffness);
+  double same[kMost];  // for elements that all have one stiffness
+  if (stiffness.stride == 0) std::fill_n(same, kMost, *stiffness[0]);
+  for (int e = 0; e < size(); e += kMost) {
+    sink.add_multiples(nodes().col(e).data(), arity(), std::min(kMost, size() - e), coefficients_.data(),
+                       stiffness.stride == 0 ? same : stiffness[e], dim());
+  }
+}
+
 // The same for all elements, as plain_sum.
 template <int D, int kArity>
 void LengthTerm::add_plain_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
   using L = Lanes<D, kArity>;
+  if (curvature == Curvature::Majorising) return add_stiffness(sink);
   L lanes(*this);
   double blocks[L::kMost][D * D];
   for (int begin = 0; begin < size(); begin += L::kMost) {
     const int count = std::min(L::kMost, size() - begin);
     const bool is_plain = lanes.evaluate(x.data(), begin, count);
     typename L::Lane along = lanes.along, across = lanes.across;
-    switch (curvature) {
-      case Curvature::True:
-        break;
-      case Curvature::Clamped:
-        along = along.max(0.0);
-        across = across.max(0.0);
-        break;
-      case Curvature::Majorising:
-        along = across = lanes.k;
-        break;
-      case Curvature::Minorising:
-        along = across;
-        break;
+    if (curvature == Curvature::Minorising && is_plain) {
+      sink.add_multiples(lanes.node, kArity, count, coefficients_.data(), across.data(), D);
+      continue;
+    }
+    if (curvature == Curvature::Clamped) {
+      along = along.max(0.0);
+      across = across.max(0.0);
     }
     const typename L::Lane excess = (along - across) / lanes.square;
     if (!is_plain || !detail::is_finite(excess.sum())) [[unlikely]] {

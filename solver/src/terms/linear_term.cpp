@@ -197,22 +197,17 @@ void LinearTerm::add_plain_curvature(CurvatureSink& sink) const {
   constexpr int kMost = 64;
   constexpr double kFactors[] = {1, -1};
   const Numbers stiffness = this->stiffness();
-  const int dim = this->dim(), entries = dim * dim;
-  std::vector<double> blocks(static_cast<std::size_t>(kMost * entries));  // 0 beside the diagonals
-  int first = 0, count = 0;
+  double numbers[kMost];
+  int count = 0;
   const auto flush = [&](int next) {
-    if (count > 0) sink.add_blocks(nodes().col(first).data(), arity(), count, kFactors, blocks.data(), dim);
-    first = next;
+    if (count > 0)
+      sink.add_multiples(nodes().col(next - count).data(), arity(), count, kFactors, numbers, dim());
     count = 0;
   };
   for (int e = 0; e < size(); ++e) {
     const double k = *stiffness[e];
-    if (!(k > 0)) {
-      flush(e + 1);
-      continue;
-    }
-    for (int d = 0; d < dim; ++d) blocks[static_cast<std::size_t>(count * entries + d * (dim + 1))] = k;
-    if (++count == kMost) flush(e + 1);
+    if (count == kMost || !(k > 0)) flush(e);
+    if (k > 0) numbers[count++] = k;
   }
   flush(size());
 }

@@ -14,7 +14,8 @@ inline constexpr int kMostCoordinates = 64;
 /// More finite numbers than points in each row of coordinates, which are not used.
 inline constexpr int kBeyond = 8;
 
-/// Numbers of links; `stride` is 0 where all have the same, of which there are as many copies as nodes.
+/// Numbers of links; `stride` is 0 where all have the same, of which there are kBeyond more copies than
+/// nodes.
 struct LinkNumbers {
   const double* data;
   std::ptrdiff_t stride;
@@ -22,9 +23,9 @@ struct LinkNumbers {
 
 /// Links of which many are in rows, (i, j), (i, j + 1), ..., as all pairs of nodes are.
 struct LinkRows {
-  const int* pairs;       ///< the nodes of each link
+  const int* pairs;       ///< the nodes of each link; null where they are all pairs
   int count;              ///< of links
-  int nodes;              ///< their number
+  int nodes;              ///< the number of nodes that may be linked
   int dim;                ///< 1 to kMostCoordinates
   std::ptrdiff_t stride;  ///< from one row of points and of forces to the next, nodes + kBeyond at least
   const double* points;   ///< a row of finite numbers for each coordinate

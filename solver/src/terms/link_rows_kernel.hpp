@@ -40,10 +40,11 @@ double sum_of(const LinkRows& links) {
     forces[c] = links.forces + (kWithForces ? c * links.stride : 0);
   }
   V energy = zero;
-  for (int first = 0, length; first < links.count; first += length) {
-    const int i = links.pairs[2 * first], j = links.pairs[2 * first + 1];
+  for (int first = 0, length, i = 0, j = 1; first < links.count; first += length, j = ++i + 1) {
+    if (links.pairs != nullptr) i = links.pairs[2 * first], j = links.pairs[2 * first + 1];
     const int most = links.count - first, to_last = links.nodes - j;
-    length = row_length(links.pairs + 2 * first, most < to_last ? most : to_last);
+    length = most < to_last ? most : to_last;
+    if (links.pairs != nullptr) length = row_length(links.pairs + 2 * first, length);
     const double* const lower = links.lower.data + first * links.lower.stride;
     const double* const upper = links.upper.data + first * links.upper.stride;
     const double* const stiffness = links.stiffness.data + first * links.stiffness.stride;
@@ -51,42 +52,48 @@ double sum_of(const LinkRows& links) {
     for (int c = 0; c < dim; ++c) from[c] = L::set(points[c][i]), sum[c] = zero;
     V shortest = least;
 
-    // The links from e on, whose numbers are at these addresses.
-    const auto add = [&](int e, const double* lower_at, const double* upper_at, const double* stiffness_at)
-                         ASTERISM_INLINED {
-                           V d[kMost], square = zero;
-                           for (int c = 0; c < dim; ++c) {
-                             d[c] = from[c] - L::load(points[c] + j + e);
-                             square = L::fma(d[c], d[c], square);
-                           }
-                           shortest = L::min(square, shortest);
-                           const V inverse = L::inverse_sqrt(L::max(square, least));
-                           const V r = square * inverse;
-                           V stretch = r - L::load(lower_at);
-                           if (!kHooke) stretch = L::min(stretch, zero) + L::max(r - L::load(upper_at), zero);
-                           const V k = L::select(L::at_most(least, square), L::load(stiffness_at), zero);
-                           const V tension = k * stretch;
-                           energy = L::fma(tension, stretch, energy);
-                           if (!kWithForces) return;
-                           const V weight = tension * inverse;
-                           energy = L::fma(weight, zero, energy);
-                           for (int c = 0; c < dim; ++c) {
-                             double* const at = forces[c] + j + e;
-                             const V force = weight * d[c];
-                             sum[c] = sum[c] + force;
-                             L::store(at, L::load(at) - force);
-                           }
-                         };
-    int e = 0;
-    for (; e + kLanes <= length; e += kLanes) add(e, lower + e, upper + e, stiffness + e);
-    if (e < length) {
-      double numbers[3][kLanes] = {};
-      for (int w = 0; e + w < length; ++w) {
-        numbers[0][w] = lower[e + w];
-        numbers[1][w] = upper[e + w];
-        numbers[2][w] = stiffness[e + w];
+    // The links from e on, whose numbers are at these addresses, in the lanes of `which`.
+    const auto add = [&](int e, typename L::M which, const double* lower_at, const double* upper_at,
+                         const double* stiffness_at) ASTERISM_INLINED {
+      V d[kMost], square = zero;
+      for (int c = 0; c < dim; ++c) {
+        d[c] = from[c] - L::load(points[c] + j + e);
+        square = L::fma(d[c], d[c], square);
       }
-      add(e, numbers[0], numbers[1], numbers[2]);
+      shortest = L::min(square, shortest);
+      const V inverse = L::inverse_sqrt(L::max(square, least));
+      const V r = square * inverse;
+      V stretch = r - L::load(lower_at);
+      if (!kHooke) stretch = L::min(stretch, zero) + L::max(r - L::load(upper_at), zero);
+      const V k = L::select(L::both(which, L::at_most(least, square)), L::load(stiffness_at), zero);
+      const V tension = k * stretch;
+      energy = L::fma(tension, stretch, energy);
+      if (!kWithForces) return;
+      const V weight = tension * inverse;
+      energy = L::fma(weight, zero, energy);
+      for (int c = 0; c < dim; ++c) {
+        double* const at = forces[c] + j + e;
+        const V force = weight * d[c];
+        sum[c] = sum[c] + force;
+        L::store(at, L::load(at) - force);
+      }
+    };
+    const auto all = L::mask((1U << kLanes) - 1);
+    int e = 0;
+    for (; e + kLanes <= length; e += kLanes) add(e, all, lower + e, upper + e, stiffness + e);
+    if (e < length) {
+      const auto rest = L::mask((1U << (length - e)) - 1);
+      if (first + e + kLanes <= links.count) {  // what is beyond the row belongs to the next links
+        add(e, rest, lower + e, upper + e, stiffness + e);
+      } else {
+        double numbers[3][kLanes] = {};
+        for (int w = 0; e + w < length; ++w) {
+          numbers[0][w] = lower[e + w];
+          numbers[1][w] = upper[e + w];
+          numbers[2][w] = stiffness[e + w];
+        }
+        add(e, rest, numbers[0], numbers[1], numbers[2]);
+      }
     }
     for (int c = 0; kWithForces && c < dim; ++c) forces[c][i] += total<L>(sum[c]);
 

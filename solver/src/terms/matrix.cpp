@@ -205,6 +205,24 @@ void SystemMatrix::add_blocks(const int* nodes, int arity, int count, const doub
   }
 }
 
+void SystemMatrix::add_multiples(const int* nodes, int arity, int count, const double* c, const double* k,
+                                 int dim) {
+  if (!is_shared_) return CurvatureSink::add_multiples(nodes, arity, count, c, k, dim);
+  const bool is_plain = is_dense_ && !has_fixed_;
+  for (int e = 0; e < count; ++e, nodes += arity) {
+    if (!is_plain) {
+      add_element(nodes, arity, [=](int a, int b, int, int) { return c[a] * c[b] * k[e]; });
+      continue;
+    }
+    for (int b = 0; b < arity; ++b) {
+      double* const column = dense_.data() + std::ptrdiff_t{nodes[b]} * size_;
+      for (int a = 0; a < arity; ++a) {
+        if (nodes[a] >= nodes[b]) column[nodes[a]] += c[a] * c[b] * k[e];
+      }
+    }
+  }
+}
+
 // Entries by column and then by row, by two counting sorts.
 void SystemMatrix::make_pattern() {
   // Every unknown has an entry on the diagonal, for shifts and for nodes without elements.
@@ -313,6 +331,7 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
     for (int c = 0; c < matrix.rows(); ++c) {
       if (!is_positive(factor_(c, c) * factor_(c, c), c)) return false;
     }
+    inverse_pivots_ = factor_.diagonal().cwiseInverse();
     return true;
   }
   analyze(matrix);
@@ -327,35 +346,98 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
   return true;
 }
 
-template <typename Right>
-void SystemFactor::solve_dense(Right&& right) const {
-  const auto lower = factor_.triangularView<Eigen::Lower>();
-  lower.solveInPlace(right);
-  lower.transpose().solveInPlace(right);
+namespace {
+
+// right <- (L L^T)^-1 right for a few right-hand sides, one after the other in memory, for which Eigen's,
+// which is made for many, takes longer: four columns of L at a time, with the inverse of its diagonal.
+template <int kRight>
+void substitute(const Eigen::MatrixXd& L, const Eigen::VectorXd& inverse_pivots, double* right) {
+  constexpr Eigen::Index kBlock = 4;
+  using Pack = Eigen::Array<double, kBlock, 1>;
+  using ConstPack = Eigen::Map<const Pack>;
+  const Eigen::Index n = L.rows(), blocked = n - n % kBlock;
+  // The unknowns from `first` to before `last`, with what others add to them already subtracted.
+  const auto forward = [&](double* b, Eigen::Index first, Eigen::Index last) {
+    for (Eigen::Index p = first; p < last; ++p) {
+      for (Eigen::Index q = first; q < p; ++q) b[p] -= L(p, q) * b[q];
+      b[p] *= inverse_pivots[p];
+    }
+  };
+  const auto backward = [&](double* b, Eigen::Index first, Eigen::Index last) {
+    for (Eigen::Index p = last; p-- > first;) {
+      for (Eigen::Index q = p + 1; q < last; ++q) b[p] -= L(q, p) * b[q];
+      b[p] *= inverse_pivots[p];
+    }
+  };
+  for (Eigen::Index j = 0; j < blocked; j += kBlock) {
+    for (int r = 0; r < kRight; ++r) {
+      double* const b = right + r * n;
+      forward(b, j, j + kBlock);
+      const Eigen::Index below = j + kBlock;
+      if (below < n)
+        subtract_columns(b + below, &L(below, j), n, b[j], b[j + 1], b[j + 2], b[j + 3], n - below);
+    }
+  }
+  for (int r = 0; r < kRight; ++r) {
+    forward(right + r * n, blocked, n);
+    backward(right + r * n, blocked, n);
+  }
+  for (Eigen::Index j = blocked; (j -= kBlock) >= 0;) {
+    const double* const column = &L(0, j);
+    for (int r = 0; r < kRight; ++r) {
+      double* const b = right + r * n;
+      Pack sums[kBlock];
+      for (Pack& sum : sums) sum.setZero();
+      Eigen::Index i = j + kBlock;
+      for (; i + kBlock <= n; i += kBlock) {
+        const Pack solved = ConstPack(b + i);
+        for (Eigen::Index c = 0; c < kBlock; ++c) sums[c] += ConstPack(column + c * n + i) * solved;
+      }
+      for (Eigen::Index c = 0; c < kBlock; ++c) {
+        double sum = sums[c].sum();
+        for (Eigen::Index rest = i; rest < n; ++rest) sum += column[c * n + rest] * b[rest];
+        b[j + c] -= sum;
+      }
+      backward(b, j, j + kBlock);
+    }
+  }
+}
+
+}  // namespace
+
+void SystemFactor::solve_dense(Eigen::MatrixXd& right) const {
+  switch (right.cols()) {
+    case 1:
+      return substitute<1>(factor_, inverse_pivots_, right.data());
+    case 2:
+      return substitute<2>(factor_, inverse_pivots_, right.data());
+    case 3:
+      return substitute<3>(factor_, inverse_pivots_, right.data());
+    default:
+      const auto lower = factor_.triangularView<Eigen::Lower>();
+      lower.solveInPlace(right);
+      lower.transpose().solveInPlace(right);
+  }
 }
 
 Eigen::MatrixXd SystemFactor::solve_all(const Eigen::MatrixXd& right) const {
   if (!is_dense_ && other_) return other_->solve(right);
   if (!is_dense_) return cholesky_.solve(right);
   Eigen::MatrixXd solution = right;
-  constexpr Eigen::Index kFew = 3;  // Eigen packs several right-hand sides, which takes longer for a few
-  for (Eigen::Index c = 0; c < solution.cols() && solution.cols() <= kFew; ++c) solve_dense(solution.col(c));
-  if (solution.cols() > kFew) solve_dense(solution);
+  solve_dense(solution);
   return solution;
 }
 
 Eigen::MatrixXd SystemFactor::solve(const Eigen::MatrixXd& points) const {
   if (is_shared_) return solve_all(points.transpose()).transpose();
-  Eigen::VectorXd right = Eigen::VectorXd::Zero(rows_);
-  right.head(points.size()) = points.reshaped();
+  Eigen::MatrixXd right = Eigen::VectorXd::Zero(rows_);
+  right.reshaped().head(points.size()) = points.reshaped();
   if (is_dense_) {
     solve_dense(right);
-  } else if (other_) {
-    right = other_->solve(right);
   } else {
-    right = cholesky_.solve(right).eval();
+    right = solve_all(right);
   }
-  return right.head(points.size()).reshaped(points.rows(), points.cols());
+  return right.reshaped().head(points.size()).reshaped(points.rows(), points.cols());
 }
 
 namespace {

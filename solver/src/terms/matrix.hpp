@@ -51,6 +51,8 @@ class SystemMatrix final : public CurvatureSink {
 
   void add(const int* nodes, int count, const double* matrix, int rows) override;
   void add_blocks(const int* nodes, int arity, int count, const double* c, const double* B, int dim) override;
+  void add_multiples(const int* nodes, int arity, int count, const double* c, const double* k,
+                     int dim) override;
 
  private:
   // What becomes of the elements that are added to a sparse matrix.
@@ -120,12 +122,12 @@ class SystemFactor {
 
  private:
   void analyze(const SystemMatrix& matrix);
-  template <typename Right>
-  void solve_dense(Right&& right) const;
+  void solve_dense(Eigen::MatrixXd& right) const;
 
   int rows_ = 0;
   bool is_dense_ = false, is_shared_ = false;
-  Eigen::MatrixXd factor_;  // of a dense matrix: L in the lower triangle
+  Eigen::MatrixXd factor_;          // of a dense matrix: L in the lower triangle
+  Eigen::VectorXd inverse_pivots_;  // 1 / its diagonal
   SparseFactor<double> cholesky_;
   std::unique_ptr<SparseFactorization> other_;  // in place of cholesky_
   int pattern_ = -1;

@@ -9,7 +9,7 @@
 #include <string_view>
 #include <utility>
 
-#include "lbfgs_pairs.hpp"
+#include "lbfgs.hpp"
 #include "loss.hpp"
 #include "matrix.hpp"
 #include "methods.hpp"
@@ -347,27 +347,16 @@ class NewtonSolve {
   // the last step did.
   void take_turn(double gain_of_step) {
     const Eigen::RowVectorXd inverse = run_.rule().node_stiffness().cwiseInverse().transpose();
-    const auto descent = [&inverse](const Eigen::MatrixXd& v) -> Eigen::MatrixXd {
-      return v * (-inverse).asDiagonal();
+    const auto descend = [&inverse](const Eigen::MatrixXd& v, Eigen::MatrixXd& result) {
+      result.noalias() = v * (-inverse).asDiagonal();
     };
     const int left = options_.max_iterations - run_.summary().iterations;
     const int most = left < turn_ / kTurn ? left * kTurn : turn_;
     const double before = run_.energy();
-    LbfgsPairs pairs;
+    LbfgsSteps steps(run_, descend);
     int taken = 0;
-    while (taken < most && !run_.rule().reached(run_.gradient()) && !options_.stopped()) {
-      const Eigen::MatrixXd direction = pairs.direction(run_.gradient(), descent);
-      const double slope = run_.gradient().cwiseProduct(direction).sum();
-      double step = 1;
-      if (slope < 0 && run_.search(direction, step)) {
-        pairs.add(step * direction, run_.gradient() - run_.previous_gradient(), step * slope);
-        ++taken;
-      } else if (pairs.empty()) {
-        break;
-      } else {
-        pairs.clear();
-      }
-    }
+    while (taken < most && !run_.rule().reached(run_.gradient()) && !options_.stopped() && steps.advance())
+      ++taken;
     run_.summary().iterations += 1 + std::max(0, taken - 1) / kTurn;
     turn_ = before - run_.energy() > gain_of_step ? std::min(2 * turn_, kLongestTurn)
                                                   : std::max(turn_ / 2, kTurn);

@@ -209,13 +209,18 @@ std::vector<int> floating_nodes(const System& system) {
   const int n = system.nodes();
   std::vector<int> up(static_cast<std::size_t>(n) + 1);  // the last stands for what is held
   std::iota(up.begin(), up.end(), 0);
-  const auto join = [&up](int i, int j) { up[static_cast<std::size_t>(root_of(up, i))] = root_of(up, j); };
+  int apart = n;  // from each other or from what is held
+  const auto join = [&](int i, int j) {
+    const int one = root_of(up, i), other = root_of(up, j);
+    apart -= one != other;
+    up[static_cast<std::size_t>(one)] = other;
+  };
   for (int i = 0; i < n; ++i) {
     if (system.is_fixed(i)) join(i, n);
   }
-  for (int t = 0; t < system.term_count(); ++t) {
+  for (int t = 0; t < system.term_count() && apart > 0; ++t) {
     const Term& term = system.term(t);
-    for (int e = 0; e < term.size(); ++e) {
+    for (int e = 0; e < term.size() && apart > 0; ++e) {
       const Term::Role role = term.role(e);
       if (role == Term::Role::Pulls || !term.is_stiff(e)) continue;
       for (int a = 1; a < term.arity(); ++a) join(term.nodes()(a, e), term.nodes()(0, e));

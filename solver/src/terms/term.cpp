@@ -4,6 +4,7 @@
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/terms/term.hpp>
 #include <cmath>
+#include <cstdint>
 #include <stdexcept>
 #include <utility>
 
@@ -67,6 +68,21 @@ void CurvatureSink::add_blocks(const int* nodes, int arity, int count, const dou
   }
 }
 
+void CurvatureSink::add_multiples(const int* nodes, int arity, int count, const double* c, const double* k,
+                                  int dim) {
+  constexpr int kMost = 64;
+  const int entries = dim * dim;
+  std::vector<double> blocks(static_cast<std::size_t>(std::min(count, kMost) * entries));
+  for (int first = 0; first < count; first += kMost) {
+    const int part = std::min(kMost, count - first);
+    for (int e = 0; e < part; ++e) {  // 0 beside the diagonals
+      for (int d = 0; d < dim; ++d)
+        blocks[static_cast<std::size_t>(e * entries + d * (dim + 1))] = k[first + e];
+    }
+    add_blocks(nodes + std::ptrdiff_t{arity} * first, arity, part, c, blocks.data(), dim);
+  }
+}
+
 Term::Term(std::string_view kind, int dim, int arity, std::vector<Column> columns,
            std::vector<Choice> choices)
     : kind_(kind), dim_(dim), nodes_(arity, 0), columns_(std::move(columns)), choices_(std::move(choices)) {
@@ -125,6 +141,21 @@ void Term::set_nodes(Eigen::MatrixXi nodes) {
     raise(std::invalid_argument(std::string(kind_) + ": an element has " + std::to_string(arity()) +
                                 " nodes, not " + std::to_string(nodes.rows())));
   nodes_ = std::move(nodes);
+  look_for_all_pairs();
+}
+
+void Term::look_for_all_pairs() {
+  all_pairs_of_ = 0;
+  if (arity() != 2 || size() == 0) return;
+  const int n = nodes_(1, size() - 1) + 1;
+  if (n < 2 || std::int64_t{n} * (n - 1) / 2 != size()) return;
+  const int* pair = nodes_.data();
+  for (int i = 0; i < n; ++i) {
+    for (int j = i + 1; j < n; ++j, pair += 2) {
+      if (pair[0] != i || pair[1] != j) return;
+    }
+  }
+  all_pairs_of_ = n;
 }
 
 Term::Magnitude Term::magnitude(const Points& x) const { return {std::abs(energy(x, nullptr)), 0}; }
@@ -153,6 +184,7 @@ void Term::append(const Eigen::MatrixXi& nodes, std::span<const Eigen::MatrixXd>
     if (!is_shared(column)) append_columns(column.values, values[next++]);
   }
   append_columns(nodes_, nodes);
+  look_for_all_pairs();
 }
 
 void Term::remove(std::span<const int> elements) {
@@ -170,6 +202,7 @@ void Term::remove(std::span<const int> elements) {
     if (column.values.cols() == size() && size() != 1) column.values = kept(column.values, rest);
   }
   nodes_ = kept(nodes_, rest);
+  look_for_all_pairs();
 }
 
 std::string Term::defect(int node_count) const {

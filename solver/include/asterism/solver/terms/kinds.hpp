@@ -143,6 +143,7 @@ class ASTERISM_API LengthTerm : public Term {
   double hooke_sum(const Points& x, Points* gradient) const;
   template <int D>
   void add_curvature(const Points& x, int begin, int end, Curvature curvature, CurvatureSink& sink) const;
+  void add_stiffness(CurvatureSink& sink) const;
   template <int D, int kArity>
   void add_plain_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const;
   template <int D>

@@ -36,6 +36,9 @@ class ASTERISM_API CurvatureSink {
   /// The same for `count` elements of `arity` nodes each, without a hidden unknown, whose nodes a and b have
   /// the block c_a c_b B. The elements' nodes follow each other, and so do their B: symmetric, dim x dim.
   virtual void add_blocks(const int* nodes, int arity, int count, const double* c, const double* B, int dim);
+  /// The same for blocks that are multiples k of the identity, one number for each element.
+  virtual void add_multiples(const int* nodes, int arity, int count, const double* c, const double* k,
+                             int dim);
 
   /// The number that stands for the hidden unknown of the term that is visited, see Term::has_hidden.
   int hidden_node() const { return hidden_node_; }
@@ -210,6 +213,8 @@ class ASTERISM_API Term {
   Numbers numbers(std::size_t column) const;
   /// Of an array of the shape of Column::values.
   static Numbers numbers(const Eigen::MatrixXd& values);
+  /// Of so many nodes, the first ones, the elements are all pairs (0, 1), (0, 2), ..., in this order; else 0.
+  int all_pairs_of() const { return all_pairs_of_; }
   /// The value of choices()[index].
   int choice(std::size_t index) const { return choices_[index].value; }
 
@@ -223,10 +228,12 @@ class ASTERISM_API Term {
  private:
   std::size_t find(std::string_view column) const;
   Choice& find_choice(std::string_view choice);
+  void look_for_all_pairs();
 
   std::string_view kind_;
   int dim_;
   Eigen::MatrixXi nodes_;
+  int all_pairs_of_ = 0;
   std::vector<Column> columns_;
   std::vector<Choice> choices_;
 };
