@@ -591,6 +591,37 @@ TEST_P(SumOfLinks, IsThatOfEachByItself) {
   }
 }
 
+// The same as elements come and go, with nodes that no link has.
+TEST(LinksOfAllPairs, AreFollowedAsTheyComeAndGo) {
+  Rng rng(5);
+  const MatrixXd x = random_points(rng, 2, 14);
+  Links links(2);
+  links.set_nodes(all_pairs(10));
+  links.values("length") = random_points(rng, 1, links.size()).cwiseAbs();
+  links.values("stiffness") = random_points(rng, 1, links.size()).cwiseAbs();
+  const auto expect_sum = [&](const char* after) {
+    MatrixXd gradient = MatrixXd::Zero(2, 14);
+    Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic> expected;
+    const auto sum = static_cast<double>(sum_of_links(links, x, expected));
+    EXPECT_NEAR(links.energy(x, &gradient), sum, 1e-13 * sum) << after;
+    EXPECT_LE((gradient - expected.cast<double>()).norm(), 1e-12 * gradient.norm()) << after;
+  };
+  expect_sum("all pairs");
+  const MatrixXd one = MatrixXd::Ones(1, 1);
+  links.append(Eigen::Vector2i(2, 12), std::vector<MatrixXd>{one, one});
+  expect_sum("one more");
+  links.remove(std::vector<int>{links.size() - 1});
+  expect_sum("that one gone");
+  links.remove(std::vector<int>{3});
+  expect_sum("another gone");
+  links.append(Eigen::Vector2i(0, 4), std::vector<MatrixXd>{one, one});
+  expect_sum("that one back, as the last");
+  Eigen::MatrixXi turned = links.nodes();
+  turned.row(0).swap(turned.row(1));
+  links.set_nodes(turned);
+  expect_sum("turned");
+}
+
 System mixture(Rng& rng, int dim, bool smooth) {
   System system(kNodes, dim);
   for (const Kind& kind : kinds()) {
