@@ -117,11 +117,12 @@ double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
   for (int i = 0; i < system.nodes(); ++i) {
     if (system.is_fixed(i)) all.col(i).setZero();
   }
-  constexpr double kFactor = 10;
+  constexpr double kFactor = 10, kNear = 1e-3;
   constexpr int kRefinements = 3;
   double highest = 0;
+  const double nearly_all = (1 - kNear) * energy(system, x);
   for (const Eigen::MatrixXd* out : {&last, &all}) {
-    if (!(out->array() != 0).any()) continue;
+    if (!(out->array() != 0).any() || highest > nearly_all) continue;
     double best = 0, best_share = 0;
     bool has_minimum = false;
     const auto is_better = [&](double share) {
@@ -157,12 +158,28 @@ class Climb {
     best_.lower_bound = std::max(best_.lower_bound, 0.0);  // of all terms but loads
     if (is_proven()) return;
     Eigen::MatrixXd points = x_;
-    for (const int more : {1, kMostLifts}) {
-      if (!descend(lifted(system_, system_.dim() + more), points) || is_end(points) || is_large()) return;
+    for (int more = 1; more <= kMostLifts; ++more) {
+      if (!descend(lifted(system_, system_.dim() + more), points) || is_end(points) || is_large() ||
+          !is_loose())
+        return;
     }
   }
 
  private:
+  // Where a further dimension still leads down from a minimum, the nodes are hardly moved in it, and the
+  // energy hardly falls; but W lacks more to be semi-definite than any bound can bear. With a tolerance so
+  // much finer it lacks next to nothing.
+  static constexpr double kFine = 1e-4;
+  static constexpr int kMostFine = 200;    // nodes; for more it takes minutes
+  static constexpr int kMostSteps = 3000;  // of L-BFGS
+
+  // Whether the interval is wide because little is proven of the minimum in more dimensions. If it is wide
+  // because that minimum is so low, further dimensions do not help.
+  bool is_loose() const {
+    constexpr double kShare = 0.1;
+    return relaxed_ - best_.lower_bound > kShare * (best_.final_energy - best_.lower_bound);
+  }
+
   // A system of many parts that hardly depend on each other, each of which may have a better place in one
   // more dimension; more of these take very long.
   bool is_large() const { return system_.nodes() > 1000; }
@@ -179,17 +196,40 @@ class Climb {
           std::max(best_.lower_bound, bound_near(system_, x.topRows(system_.dim()), system_.dim()));
       return false;
     }
-    AlignedOptions options = options_;
-    options.align = false;
-    options.gap = 0;
-    options.on_iteration = options_.on_lifted_iteration;
-    const Summary summary = SystemAuto{options}.solve(lifted, x);
-    if (summary.status == Status::OutOfMemory) raise(std::bad_alloc());
-    best_.add_work(summary);
-    if (!summary.usable() || summary.status == Status::Interrupted) return false;
+    if (!minimise(lifted, x, options_.tolerance)) return false;
+    if (system_.nodes() <= kMostFine && !is_lowest(x) && !minimise(lifted, x, kFine * options_.tolerance))
+      return false;
+    relaxed_ = energy(lifted, x);
     best_.lower_bound = std::max(best_.lower_bound, bound_near(lifted, x, system_.dim()));
     points.swap(x);  // Eigen 3.4 frees a matrix twice if memory runs out where it changes its size
     return true;
+  }
+
+  // Whether no further dimension leads down from x.
+  bool is_lowest(const Eigen::MatrixXd& x) const {
+    const auto dim = static_cast<int>(x.rows()) + 1;
+    if (dim > System::kMaxDim) return true;
+    Eigen::MatrixXd flat = Eigen::MatrixXd::Zero(dim, x.cols());
+    flat.topRows(x.rows()) = x;
+    const System more = lifted(system_, dim);
+    Eigen::VectorXd direction;
+    return !(LastCoordinate(more, flat).negative_direction(direction) < 0);
+  }
+
+  // Moves x to a minimum in more dimensions. False where the caller asks to stop.
+  bool minimise(const System& lifted, Eigen::MatrixXd& x, double tolerance) {
+    const bool is_far = lifted.dim() == system_.dim() + 1 && tolerance == options_.tolerance;
+    AlignedOptions options = options_;
+    options.align = false;
+    options.gap = 0;
+    options.tolerance = tolerance;
+    if (!is_far) options.max_iterations = std::min(options.max_iterations, kMostSteps);
+    options.on_iteration = options_.on_lifted_iteration;
+    const Summary summary =
+        is_far ? SystemAuto{options}.solve(lifted, x) : SystemLbfgs{options}.solve(lifted, x);
+    if (summary.status == Status::OutOfMemory) raise(std::bad_alloc());
+    best_.add_work(summary);
+    return summary.usable() && summary.status != Status::Interrupted;
   }
 
   // Moves each node by up to a tenth of the characteristic length in the last coordinate: a direction of
@@ -203,8 +243,8 @@ class Climb {
     }
   }
 
-  // Along negative curvature, by the first of ever shorter steps that lowers the energy by a tenth of what
-  // the curvature promises.
+  // Along negative curvature, by the first of ever shorter steps after which the energy still falls by a
+  // tenth of what the curvature promises; how far it has fallen, rounding may hide.
   bool step_off(const System& lifted, Eigen::MatrixXd& x) {
     Eigen::VectorXd v;
     double curvature = LastCoordinate(lifted, x).negative_direction(v);
@@ -217,11 +257,15 @@ class Climb {
     curvature = std::max(curvature * scale * scale, -rule.node_stiffness().dot(v.cwiseAbs2()));
     const double here = energy(lifted, x), rounding = energy_rounding(lifted, x, here);
     constexpr int kMaxHalvings = 30;
+    Eigen::MatrixXd gradient;
     double t = 0.5;
     for (int halving = 0; halving < kMaxHalvings; ++halving, t /= 2) {
       x.bottomRows(1) = t * v.transpose();  // the other side is the same
       ++best_.energy_evaluations;
-      if (energy(lifted, x) < here + t * t * curvature / 20 - rounding) return true;
+      const double there = energy_and_gradient(lifted, x, gradient);
+      if (there <= here + rounding &&
+          gradient.bottomRows(1).cwiseProduct(v.transpose()).sum() < t * curvature / 20)
+        return true;
     }
     x.bottomRows(1).setZero();
     return false;
@@ -265,6 +309,7 @@ class Climb {
   std::optional<SystemProver> prover_;
   Eigen::MatrixXd& x_;
   Summary& best_;
+  double relaxed_ = 0;  // the energy of the last minimum in more dimensions
 };
 
 }  // namespace
