@@ -24,7 +24,7 @@ struct Kernel {
   double exponent = 9;         ///< of Polynomial, a whole number, in [1, 100]
 };
 
-/// What a Kcf sees of a cell; all channels feed one kernel.
+/// The channels of a cell that a Kcf uses; all feed one kernel.
 using KcfFeatures = CellFeatures;
 
 /// Options of Kcf; the defaults are those of Henriques et al. (PAMI 2015) for HOG features, as the paper's
@@ -89,7 +89,7 @@ class ASTERISM_API Kcf {
   /// stays.
   void resize(const Size2& size);
 
-  /// What has been learned, for save_state; the response of the last `localize` is not.
+  /// Visits what has been learned, for save_state, but not the response of the last `localize`.
   void visit_state(StateArchive& archive);
 
   const KcfOptions& options() const { return options_; }

@@ -77,7 +77,7 @@ struct TrackResult {
   /// `weak`, or `lost` where that is empty.
   bool is_weak() const { return weak.value_or(lost); }
 
-  /// Of all stages together.
+  /// The time of all stages together.
   double milliseconds() const {
     double sum = 0;
     for (const StageTime& t : times) sum += t.milliseconds;
@@ -111,7 +111,7 @@ concept FrameTracker = Tracker<T> && requires(T tracker, const Frame& frame, con
 
 namespace detail {
 
-/// What a tracker is given of a frame: the frame or, if it is no FrameTracker, its 8-bit pixels.
+/// The part of a frame that a tracker gets: the frame or, if it is no FrameTracker, its 8-bit pixels.
 template <Tracker T>
 decltype(auto) seen_by(const Frame& frame) {
   if constexpr (FrameTracker<T>)
