@@ -28,7 +28,7 @@ struct CellFeatures {
 
 /// The features of a search window's cells under a Hann window, and their spectra: the sample that Kcf and
 /// Strcf are trained on and searched with. Transforms are single precision and the library's own
-/// (docs/parts-reference.md).
+/// (docs/correlation-filters.md).
 ///
 /// Once it has been prepared, nothing is allocated, except for color channels and a program's own. One object
 /// is for one thread at a time; copies are independent.

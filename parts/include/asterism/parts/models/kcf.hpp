@@ -58,7 +58,7 @@ struct KcfOptions {
 /// Sec. 2.1). A PartModel; copies are independent.
 ///
 /// The channels, all on the cell grid and under a Hann window, feed one kernel. All transforms are single
-/// precision and the library's own (docs/parts-reference.md). The kernel's map is near one, or near
+/// precision and the library's own (docs/correlation-filters.md). The kernel's map is near one, or near
 /// offset^exponent, everywhere: only its deviation from that is transformed, and the spectrum's DC, about
 /// 1e3, is added in double precision, where single precision would err by as much as lambda. A is double.
 ///
