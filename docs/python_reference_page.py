@@ -41,7 +41,7 @@ GROUPS = [
      'Sensitivity SensitivityStatus solution_tangent'),
     ('Systems of terms', 'python.md#terms-of-all-kinds', 'System Term Solution add_link_law'),
     ('Many small systems', 'python.md#many-small-systems', 'SpringBatch BatchSummary'),
-    ('Points with given distances, graphs', 'python.md#points-with-given-distances', 'mds MDS layout layout_stress remove_overlaps Embedding'),
+    ('Points with given distances, graphs', 'points-and-graphs.md#points-with-given-distances', 'mds MDS layout layout_stress remove_overlaps Embedding'),
     ('Positions from ranges', 'locate.md', 'locate PositionFix PositionMinimum locate_path PathEstimate PathStream'),
     ('Pictorial structures', 'pictorial-structures.md', 'pictorial_structure m_best_placements scaled_structure loopy_structure Joint '
      'PictorialResult ScaledResult LoopyResult'),

@@ -156,7 +156,7 @@ SharedFunction shared(const py::object& function) {
           }};
 }
 
-/// What a function of one's own returned, as that many arrays.
+/// The values that a function of a user returned, as that many arrays.
 py::tuple results(const py::object& result, const char* name, std::size_t least, std::size_t most,
                   const char* expected) {
   if (py::isinstance<py::tuple>(result) || py::isinstance<py::list>(result)) {
@@ -490,8 +490,7 @@ void set_value(TermHandle& self, const std::string& name, const py::object& valu
     set_law(term, own);
   } else if (py::isinstance<py::str>(value)) {
     const auto chosen = value.cast<std::string>();
-    if (name == "law" && chosen == "own")
-      throw py::value_error("law: expected the function of one's own itself");
+    if (name == "law" && chosen == "own") throw py::value_error("law: expected your function itself");
     term.choose(name, chosen);
     if (name == "law") own = {py::none()};
   } else {
@@ -618,7 +617,7 @@ constexpr const char* kSolve =
     "Moves x (N, dim), the start, to a minimum of the energy and writes it back into x, a float64,\n"
     "C-contiguous, writeable array (otherwise TypeError or ValueError). The Summary says how the solve\n"
     "ended. If `usable` is false, x is unchanged. The GIL is released during the solve; KeyboardInterrupt,\n"
-    "and what a function of one's own raises, end it and leave x unchanged.\n\n"
+    "and an exception of a function of yours, end it and leave x unchanged.\n\n"
     "ValueError for input that the method refuses: a value that is not finite or out of range; MemoryError\n"
     "if memory runs out. With check=False, the Summary says so instead, and nothing is raised.\n\n"
     "method: one of System.methods(), otherwise ValueError. options: its options by name, otherwise "
@@ -628,7 +627,8 @@ constexpr const char* kSolve =
 void bind_term(py::module_& m) {
   py::class_<TermHandle, std::shared_ptr<TermHandle>> type(
       m, "Term",
-      "A term of a System: an array of like elements. Its columns and choices are attributes, such as\n"
+      "A term of a System: an array of elements of one kind. Its columns and choices are attributes, such "
+      "as\n"
       "`term.stiffness` and `term.loss`; `columns` and `choices` list them. A column is an array with a row "
       "for\n"
       "each element, or one number, point or matrix for all of them, or None. It is a copy that cannot be\n"
@@ -716,7 +716,7 @@ void bind_term(py::module_& m) {
 
 void bind_solution(py::module_& m) {
   py::class_<BoundSolution> type(m, "Solution",
-                                 "What can be asked about a minimum x of a System, whose Hessian is factored "
+                                 "Answers questions about a minimum x of a System, whose Hessian is factored "
                                  "once; System.solution() makes\n"
                                  "it. The system and x may change afterwards.");
   def_reduce(type);
@@ -849,7 +849,7 @@ void bind_system(py::module_& m) {
       "'truncated', with `scale` and, for 'truncated', `sharpness` (4 if it is not given).\n\n"
       "Bad values are a ValueError that names the argument. A system cannot be changed while it is solved "
       "or\n"
-      "evaluated, also not by a function of one's own or on_iteration: RuntimeError.");
+      "evaluated, also not by a function of yours or on_iteration: RuntimeError.");
   type.def(
       py::init([](int nodes, int dim) { return std::make_shared<TermSystem>(asterism::System(nodes, dim)); }),
       py::arg("nodes").noconvert(), py::arg("dim").noconvert() = 2, "dim: coordinates of a point, 1 to 64.");
@@ -993,7 +993,7 @@ void bind_system(py::module_& m) {
       "and mu the length, law says what s is: 'hooke' r - mu; 'rope' and 'repulsion' the same where it is\n"
       "positive, or negative, else 0; 'interval' 0 from mu to `upper`, else the distance to the nearer of "
       "both;\n"
-      "'logarithm' log(r / mu). Or a function of one's own, law(r, mu) -> (value, first, second): the "
+      "'logarithm' log(r / mu). Or a function of yours, law(r, mu) -> (value, first, second): the "
       "energies\n"
       "(m,) for unit stiffness and their derivatives by r, for arrays of r and mu (m,); convex_in_square: "
       "whether\n"
@@ -1063,7 +1063,7 @@ void bind_system(py::module_& m) {
                         {function, has_hessian});
       },
       py::arg("nodes"), py::arg("function"), py::arg("has_hessian") = false,
-      "Elements of one's own on nodes (m, K). function(points) gets the points (m, K, dim) of all elements "
+      "Elements of your own on nodes (m, K). function(points) gets the points (m, K, dim) of all elements "
       "and\n"
       "returns their energies (m,), the gradients (m, K, dim) and, with has_hessian, the second derivatives\n"
       "(m, K dim, K dim); without, only methods that need none take them.");

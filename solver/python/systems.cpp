@@ -408,7 +408,7 @@ void bind_systems(py::module_& m) {
       "How far x is from a stationary point, without units. The solvers' tolerance applies to it.");
   py::class_<Certificate> certificate(
       m, "Certificate",
-      "What certify() proves about a placement. Every number is rigorous: the rounding of its\n"
+      "The result of certify() for a placement. Every number is rigorous: the rounding of its\n"
       "computation is accounted for.");
   def_copy(certificate);
   certificate

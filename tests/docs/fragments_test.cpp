@@ -101,7 +101,7 @@ TEST(Solver, Gap) {
   system.link_stiffness.setOnes();
   system.anchor_stiffness.setOnes();
   Newton<System> newton;
-#include "docs_solver_1.inc"
+#include "docs_global-minimum_1.inc"
   System::Points x = system.anchors.array() + 1;
   const Summary summary = newton.solve(system, x);
   EXPECT_EQ(summary.status, Status::Converged);

@@ -302,6 +302,11 @@ TEST(MakeTracker, VariantsAreOptions) {
            {"dpt_3x3_nov", R"(dpt{"grid_rows": 3, "grid_cols": 3})"},
            {"dpt_crs", "coarse"},
            {"dpt_crs_nos", R"(dpt_crs{"use_color": false})"},
+           {"dpt_local", R"(dpt{"constellation": "local"})"},
+           {"dpt_star", R"(dpt{"constellation": "star"})"},
+           {"dpt_nine_overlapping", R"(dpt{"grid_rows": 3, "grid_cols": 3, "overlap": 0.5})"},
+           {"dpt_nine_parts", R"(dpt{"grid_rows": 3, "grid_cols": 3})"},
+           {"dpt_coarse_no_color", R"(dpt_crs{"use_color": false})"},
            {R"(dpt{"part": "mosse"})", "dpt+mosse"}}) {
     SCOPED_TRACE(name);
     expect_same(last(name), last(description));

@@ -10,7 +10,7 @@ A spring system is solved in place:
     x = anchors.copy()
     summary = asterism.solve(system, x)
 
-`asterism.System` has terms of all kinds: robust or anisotropic anchors, ropes, angles, loads, functions of one's own.
+`asterism.System` has terms of all kinds: robust or anisotropic anchors, ropes, angles, loads, functions of your own.
 
 Points with given distances are found by `asterism.mds`, and by the estimator `asterism.MDS`; graphs are drawn by `asterism.layout`, and parts with maps of costs are
 placed by `asterism.pictorial_structure`, `scaled_structure`, `loopy_structure` and `m_best_placements`. `asterism.locate` finds positions from ranges, and `asterism.pose` the

@@ -58,7 +58,7 @@ class Camera:
             keep("size", size)
 
     def project(self, points: npt.ArrayLike) -> _Floats:
-        """Where points (..., 3) of the world are seen, (..., 2) [px]."""
+        """The image points (..., 2) [px] of points (..., 3) of the world."""
         seen = np.asarray(points, float) @ self.rotation.T + self.translation
         image = self._distorted(seen[..., :2] / seen[..., 2:])
         return image @ self.matrix[:2, :2].T + self.matrix[:2, 2]

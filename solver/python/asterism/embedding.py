@@ -23,7 +23,7 @@ _Distances = Callable[[_Indices, _Indices], _Floats]  # (C, S, T), for each row 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Embedding:
-    """What mds and layout find."""
+    """The result of mds or layout."""
 
     #: (N, dim): a row for each node.
     x: _Floats
@@ -149,7 +149,7 @@ def layout(
         multiplied by the number of pairs that they stand for: its expected value is the stress of all pairs. It takes memory of
         k N; only the shortest paths take time of N times the number of nodes and edges. A component of at most 2 k + 1 nodes
         keeps all its pairs. The result's stress is the sparse one, of which nothing is proven.
-    start: (N, dim). The drawing that is found is near it, as that of a graph of which a few edges have changed should be.
+    start: (N, dim). The result stays near it, which suits a graph whose earlier drawing is known and of which a few edges have changed.
     options: of "sgd" `seed` (1), `iterations` (60 up to 100,000 nodes, 20 for more) and `threads` (at most 4 are used; 0: as
         many as the machine runs at once; the result does not depend on it). Otherwise as for mds.
     dim, anchors, anchor_weights: as for mds.
@@ -571,7 +571,7 @@ def rounding_of(x: _Floats, pairs: npt.NDArray[Any], lengths: _Floats, weights: 
 
 
 def _firsts(components: list[_Indices]) -> _Indices:
-    """Where each component begins in their concatenation."""
+    """The beginning of each component in their concatenation."""
     return np.cumsum([0] + [len(nodes) for nodes in components[:-1]])
 
 

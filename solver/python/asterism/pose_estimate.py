@@ -15,7 +15,7 @@ _Floats = npt.NDArray[np.float64]
 
 @dataclasses.dataclass
 class _Scales:
-    """What is estimated from the data besides the points."""
+    """Estimates from the data besides the points."""
 
     noise: _Floats  # (V, J)
     motion: _Floats  # (J,), a variance
@@ -84,7 +84,7 @@ class _Recording:
 
 @dataclasses.dataclass
 class _Estimate:
-    """What explains a recording best."""
+    """The scales that explain a recording best."""
 
     scales: _Scales
     points: _Floats  # (T, J, D)
@@ -257,7 +257,7 @@ def _running_median(path: _Floats, width: int = 7) -> _Floats:
 
 
 def _disagreement(recording: _Recording, points: _Floats, probability: _Floats) -> tuple[_Floats, float]:
-    """What each view is off by for each joint in all frames (V, J, 2) [px], and the standard deviation of errors that last.
+    """The offset of each view for each joint in all frames (V, J, 2) [px], and the standard deviation of errors that last.
 
     A calibration and a detector have errors that no average over frames removes. The offsets are the part of the mean errors that no place of the joint
     explains; what neighbouring frames have in common is the variance of errors that last, for the degrees of freedom that the joint's place leaves.
@@ -318,7 +318,7 @@ def _lasting(recording: _Recording, found: _Estimate) -> _Floats:
 
 
 def _estimate_by_parts(recording: _Recording) -> _Estimate:
-    """Of a long recording: parts that overlap give the weights and the scales, in several threads; the path is that of all frames at once."""
+    """Estimates a long recording: parts that overlap give the weights and the scales, in several threads; the path is that of all frames at once."""
     views, frames, joints = recording.is_seen.shape
     starts = range(0, frames - _PART // 2, _PART)
 

@@ -176,7 +176,7 @@ def _missing_as_nan(points: _Floats) -> _Floats:
 
 
 def _of_columns(columns: list[tuple[str, str]], values: _Floats, frames: list[str], name: str) -> Detections:
-    """Of values (T, columns), where a column is a joint's name and x, y, z or likelihood."""
+    """Detections from values (T, columns), where a column is a joint's name and x, y, z or likelihood."""
     joints = list(dict.fromkeys(joint for joint, _ in columns))
     place = _places(columns, joints, name)
     axes = ["x", "y"] + (["z"] if (joints[0], "z") in place else [])

@@ -17,7 +17,7 @@ from .pose_swaps import exchange_back
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FusedPose:
-    """What fuse finds, for T frames, J joints and V views, in D = 2 or 3 dimensions."""
+    """The result of fuse, for T frames, J joints and V views, in D = 2 or 3 dimensions."""
 
     #: (T, J, D): pixels, or the cameras' unit of length.
     points: _Floats
@@ -71,7 +71,7 @@ def fuse(
     Errors that last over frames are found where views disagree, and are part of the covariance: a single view cannot show them, and what all views
     have in common no data show.
 
-    ValueError, which names the input, for other shapes, infinite numbers, a joint that is never seen, cameras of which two are the
+    ValueError, which names the input, for other shapes, infinite numbers, a joint that is never seen, cameras two of which are the
     same or which do not belong to the detections, one camera, and times that do not rise.
     """
     cameras = None if cameras is None else list(cameras)

@@ -128,7 +128,7 @@ class Stream:
             square = _asterism._pose_squares(self._points, covariance, recording.sights, recording.cameras, scales.offset)
 
     def _begin_again(self, recording: _Recording, joints: npt.NDArray[np.bool_]) -> tuple[_Floats, _Floats]:
-        """Where a joint was lost, its path before does not count."""
+        """Forgets the former path of a joint that was lost."""
         self._lost[joints] = 0
         self._past[joints], self._past_right[joints] = 0, 0
         self._is_seen[:, :-_LOST, joints] = False
@@ -178,7 +178,7 @@ class Stream:
         self._frame += 1
 
     def _predicted(self, when: float) -> _Floats:
-        """Where the points are if their velocity does not change."""
+        """The points if their velocity does not change."""
         if len(self._times) < 2:
             return self._points[-1] if len(self._times) else np.tile(self._centre, (self._shape[1], 1))
         share = (when - self._times[-1]) / (self._times[-1] - self._times[-2])

@@ -18,7 +18,7 @@ _EXCHANGED = 0.05
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Exchanged:
-    """What exchange_back finds, for V views, T frames and P pairs of joints."""
+    """The result of exchange_back, for V views, T frames and P pairs of joints."""
 
     #: As given, with the two joints of a pair exchanged where they were swapped.
     detections: _Floats
@@ -37,7 +37,7 @@ class Exchanged:
 
 
 def left_right_pairs(names: Sequence[str]) -> list[tuple[int, int]]:
-    """Pairs of joints of which the names differ in left and right alone: left_hip and right_hip, hipL and hipR, L1 and R1."""
+    """Pairs of joints whose names differ only in left and right: left_hip and right_hip, hipL and hipR, L1 and R1."""
     place = {name: k for k, name in enumerate(names)}
     pairs = []
     for k, name in enumerate(names):
@@ -92,7 +92,7 @@ def _exchange(values: _Floats, swapped: npt.NDArray[np.bool_], pairs: list[tuple
 
 
 def _swapped(path: _Floats, times: _Floats) -> npt.NDArray[np.bool_]:
-    """Of one pair (T, 2, 2)."""
+    """The choices for one pair (T, 2, 2)."""
     is_seen = ~_isolated(path) & np.isfinite(path).all(-1)
     both = np.flatnonzero(is_seen.all(1))
     swapped = np.zeros(len(path), bool)
@@ -123,7 +123,7 @@ def _isolated(path: _Floats) -> npt.NDArray[np.bool_]:
 
 
 def _smoothest(path: _Floats, times: _Floats) -> npt.NDArray[np.bool_]:
-    """Of frames (T, 2, 2) that see both: Viterbi's algorithm over the labels of neighbouring frames."""
+    """The choices for frames (T, 2, 2) that see both: Viterbi's algorithm over the labels of neighbouring frames."""
     count = len(path)
     step = np.diff(times)
     label = np.stack([path, path[:, ::-1]])  # (label, T, joint, 2)

@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> str:
-    """What is said at the end."""
+    """The summary that is printed at the end."""
     views = [pose.read_detections(path) for path in options.views]
     first = views[0]
     for path, view in zip(options.views, views):

@@ -32,7 +32,7 @@ class PositionMinimum:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PositionFix:
-    """What locate finds: of one tag, or of each tag of a batch along a leading axis (tags, ...)."""
+    """The result of locate: of one tag, or of each tag of a batch along a leading axis (tags, ...)."""
 
     #: The most probable position: (dim,) [m].
     x: _Floats

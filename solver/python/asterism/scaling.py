@@ -22,7 +22,7 @@ _LOSSES = ("quadratic", "huber", "geman-mcclure")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """What fit solves."""
+    """The problem that fit solves."""
 
     pairs: _Indices  # (K, 2), those with a distance and a weight
     lengths: _Floats
@@ -319,7 +319,7 @@ class MDS:
         return system, links
 
     def _starts(self, problem: _Problem, init: Any) -> list[_Start]:
-        """What gives the starts, each on the thread that solves from it."""
+        """Makes the starts, each on the thread that solves from it."""
         n, dim, seed = problem.n, int(self.n_components), self._seed()
         at, hold, components = problem.at, problem.hold, problem.components
         if init is not None:
@@ -339,7 +339,7 @@ class MDS:
         return starts
 
     def _lowest(self, problem: _Problem, starts: list[_Start], solve: Callable[[_Floats], _Found]) -> _Found:
-        """What solve finds from all starts, with the least stress."""
+        """The result of solve with the least stress, from all starts."""
 
         def found(start: _Start) -> _Found:
             x = start()
@@ -457,7 +457,7 @@ def _of_curve(curve: tuple[_Floats, _Floats], distances: _Floats) -> _Floats:
 
 
 def _column_names(X: Any) -> npt.NDArray[Any] | None:
-    """Of a data frame whose columns all have names."""
+    """The names of the columns of a data frame in which all have one."""
     columns = getattr(X, "columns", None)
     if columns is None or not all(isinstance(name, str) for name in columns):
         return None

@@ -63,7 +63,7 @@ def _to_json(stored: StoredSystem) -> str:
 def write_systems(path: str | os.PathLike[str], systems: Iterable[StoredSystem]) -> None:
     """Writes systems to a file, one per line; every number is read back exactly.
 
-    ValueError for values that a solver would refuse, for a term with a function of one's own, and for an origin with NaN, infinity or integers of more than 64 bits;
+    ValueError for values that a solver would refuse, for a term with a function of your own, and for an origin with NaN, infinity or integers of more than 64 bits;
     TypeError for an origin that JSON cannot hold. Then nothing is written.
     """
     lines = [_to_json(stored) for stored in systems]

@@ -40,7 +40,7 @@ class Joint:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PictorialResult:
-    """What pictorial_structure finds."""
+    """The result of pictorial_structure."""
 
     #: Of the best placement.
     energy: float
@@ -83,7 +83,7 @@ def m_best_placements(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ScaledResult:
-    """What scaled_structure finds."""
+    """The result of scaled_structure."""
 
     #: Of the best placement.
     energy: float
@@ -125,7 +125,7 @@ def scaled_structure(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LoopyResult:
-    """What loopy_structure finds."""
+    """The result of loopy_structure."""
 
     #: Status.CONVERGED: the energy is within tolerance of the lower bound. Status.NO_PROGRESS or Status.MAX_ITERATIONS: it is not.
     status: _asterism.Status

@@ -124,7 +124,7 @@ def serve(make: Callable[[], Any], source: BinaryIO, sink: BinaryIO, name: str =
 
 
 def _found(spec: str) -> Callable[[], Any]:
-    """What stands behind the colon of MODULE:NAME, or of FILE.py:NAME."""
+    """The object named behind the colon of MODULE:NAME, or of FILE.py:NAME."""
     module, colon, name = spec.rpartition(":")
     if not colon or not module or not name:
         raise ValueError(f"expected MODULE:CLASS, found '{spec}'")

@@ -13,6 +13,7 @@
 #include <concepts>
 #include <optional>
 #include <stdexcept>
+#include <utility>
 #ifdef ASTERISM_TRACKERS_JSON
 #include <asterism/parts/concept/part_registry.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
@@ -80,8 +81,24 @@ Made make_kalman(std::string_view name, std::string_view json) {
   return made;
 }
 
+// The names that the paper's Table 1 abbreviates, in words.
+constexpr std::pair<std::string_view, std::string_view> kInWords[] = {
+    {"dpt_local", "dpt_loc"},
+    {"dpt_star", "dpt_str"},
+    {"dpt_nine_overlapping", "dpt_3x3_ov"},
+    {"dpt_nine_parts", "dpt_3x3_nov"},
+    {"dpt_coarse_no_color", "dpt_crs_nos"},
+};
+
+std::string_view abbreviated(std::string_view name) {
+  for (const auto& [words, abbreviation] : kInWords)
+    if (name == words) return abbreviation;
+  return name;
+}
+
 // The variants in the paper's Table 1, and dpt_plus, which goes beyond the paper.
 std::optional<DptOptions> dpt_variant(std::string_view name) {
+  name = abbreviated(name);
   DptOptions options;
   if (name == "dpt") return options;
   if (name == "dpt_loc" || name == "dpt_str") {
@@ -119,6 +136,7 @@ std::optional<DptOptions> dpt_net(std::string_view name) {
 }
 
 std::optional<CoarseOptions> coarse_variant(std::string_view name) {
+  name = abbreviated(name);
   CoarseOptions options;
   if (name == "coarse" || name == "dpt_crs") return options;
   if (name == "kcf" || name == "dpt_crs_nos") {
@@ -241,8 +259,10 @@ std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle) {
 }
 
 std::vector<std::string> tracker_names() {
-  return {"dpt",     "coarse",     "kcf",         "dpt_crs",  "dpt_crs_nos", "dpt_loc",
-          "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov", "dpt_plus", "lgt",         "kalman"};
+  std::vector<std::string> names{"dpt",     "coarse",     "kcf",         "dpt_crs",  "dpt_crs_nos", "dpt_loc",
+                                 "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov", "dpt_plus", "lgt",         "kalman"};
+  for (const auto& pair : kInWords) names.emplace_back(pair.first);
+  return names;
 }
 
 AnyTracker make_tracker(std::string_view description) {

@@ -141,7 +141,7 @@ void check_part_axioms(const Part& fresh, double tolerance = 0.5) {
   EXPECT_THROW(on_flat.init(frame, {std::nan(""), 10}, size), std::invalid_argument);
 }
 
-/// What may go wrong, for any model: called like `check_part_axioms`.
+/// Tests bad input and faults, for any model: called like `check_part_axioms`.
 template <PartModel Part>
 void check_part_faults(const Part& fresh) {
   const cv::Mat image = texture(120, 160);

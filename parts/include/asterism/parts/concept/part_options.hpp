@@ -27,9 +27,9 @@ inline namespace ASTERISM_ABI {
 /// Ranges that several options have.
 namespace option_ranges {
 inline constexpr OptionRange kShare{0, 1};
-/// Of a prior probability: neither 0 nor 1.
+/// The range of a prior probability: neither 0 nor 1.
 inline constexpr OptionRange kProbability{1e-9, 1 - 1e-9};
-/// Of positive numbers whose squares are also representable in single precision.
+/// The range of positive numbers whose squares are also representable in single precision.
 inline constexpr OptionRange kPositive{1e-9, 1e9};
 /// Longest side of templates and windows [template pixels]: beyond it, transforms and searches take seconds.
 inline constexpr double kLongestSide = 1024;

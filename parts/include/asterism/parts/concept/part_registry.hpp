@@ -43,7 +43,7 @@ class ASTERISM_API PartRegistry {
   /// Throws std::runtime_error, without having added any, for a file that cannot be loaded, is no library of
   /// part models, was built for another version of this one or of what its types are made of, or throws.
   ///
-  /// What such a model throws comes out as std::invalid_argument if it was one, else as std::runtime_error,
+  /// An exception of such a model becomes std::invalid_argument if it was one, else std::runtime_error,
   /// with the model's name; so does evidence or a similarity that is not finite.
   std::vector<std::string> load(const std::string& library);
 

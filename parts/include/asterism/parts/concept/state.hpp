@@ -30,7 +30,7 @@ inline namespace ASTERISM_ABI {
 /// must be finite and in the given range.
 class ASTERISM_API StateArchive {
  public:
-  /// Of the format.
+  /// The version of the format.
   static constexpr std::uint32_t kVersion = 1;
 
   /// An archive to write to.

@@ -5,7 +5,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// How much of a target's surroundings a model sees, and at which resolution: options of every model that
+/// The extent of a target's surroundings that a model sees, and their resolution: options of every model that
 /// resamples the image. Each model has its own defaults and ranges; in descriptions, these options are among
 /// the model's own.
 struct TemplateWindow {

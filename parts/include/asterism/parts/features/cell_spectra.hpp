@@ -16,7 +16,7 @@ struct FilterPlan;
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What a correlation filter sees of a cell: its channels, at least one of them, in this order.
+/// The channels of a cell that a correlation filter uses, at least one of them, in this order.
 struct CellFeatures {
   bool hog = true;     ///< the 31 channels of Fhog
   bool gray = true;    ///< the mean gray level, from -0.5 to 0.5
@@ -28,7 +28,7 @@ struct CellFeatures {
 
 /// The features of a search window's cells under a Hann window, and their spectra: the sample that Kcf and
 /// Strcf are trained on and searched with. Transforms are single precision and the library's own
-/// (docs/parts-reference.md).
+/// (docs/correlation-filters.md).
 ///
 /// Once it has been prepared, nothing is allocated, except for color channels and a program's own. One object
 /// is for one thread at a time; copies are independent.
@@ -64,7 +64,7 @@ class ASTERISM_API CellSpectra {
   int cols() const { return cols_; }
   int channels() const { return channels_; }
   int padded_channels() const { return padded_channels_; }
-  /// Of the transforms; null before `prepare`.
+  /// The plan of the transforms; null before `prepare`.
   const std::shared_ptr<const Plan>& plan() const { return plan_; }
   /// Workspace of the kernels.
   float* work() { return work_.data(); }

@@ -12,7 +12,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What a network takes for an image: scale x (pixel - mean), channel by channel.
+/// The input of a network for an image: scale x (pixel - mean), channel by channel.
 struct DnnInput {
   double scale = 1 / 255.0;     ///< after the mean is subtracted
   cv::Scalar mean = {0, 0, 0};  ///< in the order of the network's channels

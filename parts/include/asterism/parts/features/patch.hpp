@@ -27,9 +27,9 @@ struct Scratch {
   Scratch& operator=(const Scratch&) { return *this; }
 };
 
-/// What `sample_patch` does to images of one channel, several times as fast and with workspace of its own:
-/// once the grid and the image's width have been seen, nothing is allocated. One object is for one thread at
-/// a time; copies share nothing.
+/// Samples patches as `sample_patch` does, of images with one channel and several times as fast. It has a
+/// workspace of its own, and allocates only for a new grid or width of image. One object is for one thread
+/// at a time; copies share nothing.
 class ASTERISM_API PatchSampler {
  public:
   /// image: CV_8UC1; otherwise `sample_patch`'s conditions and, except for rounding in windows that shrink,

@@ -21,7 +21,7 @@ struct SlicOptions {
 struct SuperpixelMap {
   /// Size of the image [px].
   int cols = 0, rows = 0;
-  /// Of each pixel, row by row: 0 .. areas.size() - 1.
+  /// The superpixel of each pixel, row by row: 0 .. areas.size() - 1.
   std::vector<int> labels;
   /// Pixels of each part, and the mean of their colors.
   Eigen::ArrayXf areas;
@@ -33,7 +33,7 @@ struct SuperpixelMap {
 ///
 /// colors: a row for each pixel, row by row of the image, finite; CIELAB, for distances that are those of
 /// the eye. Seeds are the middles of a regular grid of about side x side pixels, and not moved off edges.
-/// What is then left in pieces of less than side^2 / 4 pixels joins a neighbour. Throws std::invalid_argument
+/// Remaining pieces of less than side^2 / 4 pixels join a neighbour. Throws std::invalid_argument
 /// for options out of range, and for pixels that are no whole rows of `cols`.
 ASTERISM_API SuperpixelMap slic(const Eigen::ArrayX3f& colors, int cols, const SlicOptions& options = {});
 

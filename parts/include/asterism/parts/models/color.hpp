@@ -91,7 +91,7 @@ class ASTERISM_API ColorModel {
   /// uninformative.
   double probability(const Segmentation& segmentation, const Point2& position) const;
 
-  /// What has been learned, for save_state.
+  /// Visits what has been learned, for save_state.
   void visit_state(StateArchive& archive);
 
   const ColorOptions& options() const { return options_; }

@@ -11,7 +11,7 @@ inline namespace ASTERISM_ABI {
 
 /// Options of ColorHistogram.
 struct ColorHistogramOptions {
-  /// What can be counted.
+  /// The color spaces of a histogram.
   enum class Space {
     Gray,  ///< LGT's parts
     Rgb,   ///< Comaniciu et al. (PAMI 2003)
@@ -39,7 +39,7 @@ struct ColorHistogramOptions {
 /// middle counts; a response that is the same everywhere says nothing, and the similarity is 0.
 class ASTERISM_API ColorHistogram {
  public:
-  /// What can be counted.
+  /// The color spaces of a histogram.
   using Space = ColorHistogramOptions::Space;
 
   /// Throws std::invalid_argument for options out of range.
@@ -58,7 +58,7 @@ class ASTERISM_API ColorHistogram {
   /// The learned histogram, of sum 1; the last channel (of B, G, R or of H, S, V) runs fastest.
   const Eigen::ArrayXf& histogram() const { return histogram_; }
 
-  /// What has been learned, for save_state; the response of the last `localize` is not.
+  /// Visits what has been learned, for save_state, but not the response of the last `localize`.
   void visit_state(StateArchive& archive);
 
   const ColorHistogramOptions& options() const { return options_; }

@@ -45,7 +45,7 @@ class ASTERISM_API Flow {
 
   double similarity_at(const Point2& position) const { return response_.at(position); }
 
-  /// What has been learned, for save_state.
+  /// Visits what has been learned, for save_state.
   void visit_state(StateArchive& archive);
 
   const FlowOptions& options() const { return options_; }

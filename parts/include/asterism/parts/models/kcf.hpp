@@ -24,7 +24,7 @@ struct Kernel {
   double exponent = 9;         ///< of Polynomial, a whole number, in [1, 100]
 };
 
-/// What a Kcf sees of a cell; all channels feed one kernel.
+/// The channels of a cell that a Kcf uses; all feed one kernel.
 using KcfFeatures = CellFeatures;
 
 /// Options of Kcf; the defaults are those of Henriques et al. (PAMI 2015) for HOG features, as the paper's
@@ -58,7 +58,7 @@ struct KcfOptions {
 /// Sec. 2.1). A PartModel; copies are independent.
 ///
 /// The channels, all on the cell grid and under a Hann window, feed one kernel. All transforms are single
-/// precision and the library's own (docs/parts-reference.md). The kernel's map is near one, or near
+/// precision and the library's own (docs/correlation-filters.md). The kernel's map is near one, or near
 /// offset^exponent, everywhere: only its deviation from that is transformed, and the spectrum's DC, about
 /// 1e3, is added in double precision, where single precision would err by as much as lambda. A is double.
 ///
@@ -89,7 +89,7 @@ class ASTERISM_API Kcf {
   /// stays.
   void resize(const Size2& size);
 
-  /// What has been learned, for save_state; the response of the last `localize` is not.
+  /// Visits what has been learned, for save_state, but not the response of the last `localize`.
   void visit_state(StateArchive& archive);
 
   const KcfOptions& options() const { return options_; }

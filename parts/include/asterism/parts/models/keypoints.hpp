@@ -47,7 +47,7 @@ class ASTERISM_API Keypoints {
   void adapt(const Frame& frame, const Point2& at);
 
   double similarity_at(const Point2& position) const { return response_.at(position); }
-  /// What has been learned, for save_state.
+  /// Visits what has been learned, for save_state.
   void visit_state(StateArchive& archive);
   /// Number of learned key-points.
   int size() const { return static_cast<int>(offsets_.size()); }

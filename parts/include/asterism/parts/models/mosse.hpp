@@ -54,7 +54,7 @@ class ASTERISM_API Mosse {
   /// is occluded (Bolme et al.); 0 without any response.
   double psr() const { return psr_; }
 
-  /// What has been learned, for save_state; the response of the last `localize` is not.
+  /// Visits what has been learned, for save_state, but not the response of the last `localize`.
   void visit_state(StateArchive& archive);
 
   const MosseOptions& options() const { return options_; }

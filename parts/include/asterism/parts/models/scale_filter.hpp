@@ -70,7 +70,7 @@ class ASTERISM_API ScaleFilter {
   /// responses counting as 0, and of the steps' quantisation. That of all sizes where there is no response.
   double log_variance() const { return log_variance_; }
 
-  /// What has been learned, for save_state; the response of the last `localize` is not.
+  /// Visits what has been learned, for save_state, but not the response of the last `localize`.
   void visit_state(StateArchive& archive);
 
   const ScaleFilterOptions& options() const { return options_; }

@@ -72,7 +72,7 @@ class ASTERISM_API MaskedRegression {
 /// Options of SpatialReliability; where no other source is named, the defaults are those of Lukezic et al.
 /// (CVPR 2017).
 struct SpatialReliabilityOptions {
-  /// How the filters are learned.
+  /// The regression by which the filters are learned.
   MaskedRegressionOptions regression;
   /// Rate of the running averages of the samples' spectra and their energy, in [0, 1]. The paper averages the
   /// filters themselves, at this rate.
@@ -158,7 +158,7 @@ class ASTERISM_API SpatialReliability {
   /// for.
   const Eigen::ArrayXf& weights() const { return weights_; }
 
-  /// What has been learned, for save_state; mask and response of the last calls are not.
+  /// Visits what has been learned, for save_state, but not the mask and the response of the last calls.
   void visit_state(StateArchive& archive);
 
   const SpatialReliabilityOptions& options() const { return options_; }

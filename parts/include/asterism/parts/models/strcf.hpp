@@ -98,12 +98,12 @@ class ASTERISM_API Strcf {
   /// correlation with the sample is the response, except for the division by `fit`. Needs an `init` before;
   /// throws std::invalid_argument for a channel out of range.
   Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> filter(int channel) const;
-  /// What the responses are divided by: the response to a sample that was learned, at zero shift. A larger
+  /// The divisor of the responses: the response to a sample that was learned, at zero shift. A larger
   /// one takes its place at once; towards smaller ones it decays at the rate 1 / (1 + mu). Where it is not
   /// positive there is no response.
   double fit() const { return fit_; }
 
-  /// What has been learned, for save_state; the response of the last `localize` is not.
+  /// Visits what has been learned, for save_state, but not the response of the last `localize`.
   void visit_state(StateArchive& archive);
 
   const StrcfOptions& options() const { return options_; }

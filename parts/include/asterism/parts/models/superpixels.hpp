@@ -51,7 +51,7 @@ class ASTERISM_API Superpixels {
   double similarity_at(const Point2& position) const { return response_.at(position); }
   /// The response map of the last `localize`, one value a displacement.
   const ResponseMap& response() const { return response_; }
-  /// What has been learned, for save_state.
+  /// Visits what has been learned, for save_state.
   void visit_state(StateArchive& archive);
   /// Number of superpixels on the target.
   int size() const { return static_cast<int>(weights_.size()); }

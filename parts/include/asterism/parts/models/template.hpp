@@ -50,7 +50,7 @@ class ASTERISM_API Template {
   /// The response map of the last `localize`, one value a displacement.
   const ResponseMap& response() const { return response_; }
 
-  /// What has been learned, for save_state; the response of the last `localize` is not.
+  /// Visits what has been learned, for save_state, but not the response of the last `localize`.
   void visit_state(StateArchive& archive);
 
   const TemplateOptions& options() const { return options_; }

@@ -11,7 +11,7 @@
 /// Moves with the library's version.
 namespace asterism::lanes_v0_1 {
 
-/// Where a system of a batch stands after its kernel ran.
+/// The state of a system of a batch after its kernel ran.
 enum Outcome : std::int32_t {
   kLeft = 0,       ///< x is as it was: the system is for the scalar solver, which also says what is wrong
   kConverged = 1,  ///< stationary, the last Hessian that was factored is positive definite
@@ -34,7 +34,7 @@ struct SystemPlanes {
   const T* link_stiffness;
 };
 
-/// What a solver reads and writes.
+/// The arrays that a solver reads and writes.
 template <typename T>
 struct Planes : SystemPlanes<T> {
   T* x;
@@ -48,8 +48,8 @@ struct Planes : SystemPlanes<T> {
   std::int32_t* outcome;
 };
 
-/// What derivatives of solutions are computed of and written to, everywhere, to be used where the outcome is
-/// kConverged.
+/// The arrays from which derivatives of solutions are computed, and to which they are written; those of
+/// systems whose outcome is kConverged may be used.
 template <typename T>
 struct GradientPlanes : SystemPlanes<T> {
   const T* x;       ///< solutions

@@ -35,7 +35,7 @@ struct BatchSummary {
   /// Converged if every system is; otherwise the first other status of a system. InvalidInput if the options
   /// or the topology are invalid, or the machine lacks the requested instructions; then nothing was changed.
   Status status = Status::NotRun;
-  /// What was wrong with the options or the topology.
+  /// The problem of the options or of the topology.
   Message message = "solve was not called";
   int first_failure = -1;  ///< index of the system with `status`
   int converged = 0;       ///< number of systems

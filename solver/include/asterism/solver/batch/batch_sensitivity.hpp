@@ -38,7 +38,7 @@ class BatchGradient {
   /// One number of every system, size().
   using Plane = typename Batch::Plane;
 
-  /// Of the batch's size and topology.
+  /// Has the size and the topology of the batch.
   explicit BatchGradient(const Batch& batch)
       : count_(batch.size()), nodes_(batch.nodes()), links_(batch.link_count()), stride_(batch.stride_) {
     const int planes = (2 * kDim + 1) * nodes_ + 2 * links_;
@@ -82,7 +82,7 @@ class BatchGradient {
   std::ptrdiff_t at(int plane) const { return plane * stride_; }
   Plane plane(int number) { return {values_.data() + at(number), count_}; }
 
-  /// Where kernels read and write, of a batch of the same size.
+  /// The arrays that kernels read and write; the batch has the same size.
   lanes_v0_1::GradientPlanes<Scalar> planes(const Batch& batch) {
     lanes_v0_1::GradientPlanes<Scalar> result{};
     batch.set_planes(result);
@@ -124,12 +124,12 @@ struct BatchGradientSummary {
 };
 
 /// Sensitivity for batches: derivatives of solutions by the values of their systems, in reverse mode and in
-/// SIMD lanes, one system per lane. What the lanes do not accept without doubt, and all that is refused, is
-/// decided by Sensitivity: each system has its verdict, and its derivatives but for rounding, as if it were
-/// alone.
+/// SIMD lanes, one system per lane. Systems that the lanes refuse, or do not accept without doubt, are left
+/// to Sensitivity: each system has the verdict that it would have alone, and the same derivatives up to
+/// rounding.
 ///
-/// In the lanes are solutions of 2 and 3 dimensions with up to 30 coordinates and 120 links, of connected
-/// topologies, where every spring has stiffness and the anchors hold the constellation clearly. Results do
+/// The lanes take solutions of 2 and 3 dimensions with up to 30 coordinates and 120 links, of connected
+/// topologies, if every spring has stiffness and the anchors hold the constellation clearly. Results do
 /// not depend on the executor or on the place in the batch, and on the instructions only by rounding.
 ///
 /// An object holds its workspace: reuse it to compute without allocation (by the executor, and for systems of

@@ -12,7 +12,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// How a cost grows along an axis.
+/// The law by which a cost grows along an axis.
 enum class CostShape {
   Quadratic,  ///< weight (d - offset)^2
   Absolute    ///< weight |d - offset|
@@ -50,7 +50,7 @@ struct AxisCost {
     return cost;
   }
 
-  /// What is wrong with the cost, nullptr for nothing.
+  /// The problem of the cost, or nullptr if there is none.
   const char* problem() const {
     if (!detail::is_finite(weight) || weight < 0 || weight > std::numeric_limits<float>::max())
       return "has a weight that is negative or not finite";
@@ -87,7 +87,7 @@ struct LengthCost {
     return weight * (excess * excess);
   }
 
-  /// What is wrong with the cost, nullptr for nothing.
+  /// The problem of the cost, or nullptr if there is none.
   const char* problem() const {
     if (!detail::is_finite(weight) || weight < 0 || weight > std::numeric_limits<float>::max())
       return "has a weight of its length that is negative or not finite";
@@ -159,7 +159,7 @@ struct DisplacementCost {
             static_cast<int>(std::round(y.offset)) - length.reach};
   }
 
-  /// What is wrong with the cost, nullptr for nothing.
+  /// The problem of the cost, or nullptr if there is none.
   const char* problem() const {
     if (const char* const of_x = x.problem()) return of_x;
     if (const char* const of_y = y.problem()) return of_y;

@@ -95,8 +95,8 @@ struct ChainStep {
 /// Mitchell, PAMI 1994). A step that changes nothing is the last that is needed, as later ones cost more.
 /// Steps run in SIMD lanes, one line a lane. Lines that need more than kMostSteps steps go through the lower
 /// envelope of parabolas (Felzenszwalb and Huttenlocher 2012), line by line, which takes O(sites + queries).
-/// How many steps a line needs is not known before; a limit of as many as take the time of an envelope takes
-/// at most twice the time of the better way, whatever the line is. kMostSteps is between these numbers for
+/// The number of steps that a line needs is not known before. With a limit of as many steps as take the time
+/// of an envelope, a line takes at most twice the time of the better way. kMostSteps is between the limits of
 /// SSE2 and AVX2, so that both take at most two and a half times as long (docs/pictorial-structures.md).
 /// Absolute costs need one step for the fraction of the offset, and a pass in each direction.
 class LineTransform {

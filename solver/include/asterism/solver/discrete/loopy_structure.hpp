@@ -37,7 +37,7 @@ struct LoopyOptions {
   /// with Status::Interrupted.
   const std::atomic<bool>* stop = nullptr;
 
-  /// What is wrong with the options, nullptr for nothing.
+  /// The first problem of the options, or nullptr if there is none.
   const char* problem() const {
     if (!detail::is_finite(tolerance) || tolerance < 0) return "option tolerance is negative or not finite";
     if (!detail::is_finite(progress) || progress < 0) return "option progress is negative or not finite";
@@ -45,7 +45,7 @@ struct LoopyOptions {
   }
 };
 
-/// How a solve of a loopy structure ended.
+/// The result of a solve of a loopy structure.
 struct LoopySummary {
   /// Converged: the energy is within LoopyOptions::tolerance of the lower bound. NoProgress or MaxIterations:
   /// it is not, so that the placement may or may not be the best one, or none was found in the windows of

@@ -52,7 +52,7 @@ class EnergyRange {
            const MapView<const float>& child) {
     most_ += cost.most(std::max(parent.width, child.width), std::max(parent.height, child.height));
   }
-  /// What is wrong where no placement has a finite energy: larger ones than floats have count as forbidden.
+  /// The problem if no placement has a finite energy: those above the range of a float count as forbidden.
   Defect no_placement() const {
     return {
         "maps", -1,

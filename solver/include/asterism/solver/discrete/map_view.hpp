@@ -34,7 +34,7 @@ struct MapView {
 
   /// The number at column x of row y.
   T& operator()(int x, int y) const { return data[y * row_stride + x * column_stride]; }
-  /// Where row y begins.
+  /// The beginning of row y.
   T* row(int y) const { return data + y * row_stride; }
   /// Whether there are no pixels.
   bool empty() const { return data == nullptr || width <= 0 || height <= 0; }
@@ -65,7 +65,7 @@ inline bool all_are_costs(const MapView<const float>& map, float& least) {
   return bad == 0;
 }
 
-/// What is wrong with a map of costs, nullptr for nothing; then `least` is the least of its negative numbers,
+/// The problem of a map of costs, or nullptr; then `least` is the least of its negative numbers,
 /// 0 if there are none.
 inline const char* map_problem(const MapView<const float>& map, float& least) {
   if (map.empty()) return "is empty";

@@ -43,7 +43,7 @@ inline bool is_set(const std::atomic<bool>* stop) {
   return stop != nullptr && stop->load(std::memory_order_relaxed);
 }
 
-/// What is wrong with a joint of so many parts, nullptr for nothing.
+/// The problem of a joint of so many parts, or nullptr if there is none.
 inline const char* joint_problem(const Joint& joint, int parts) {
   const auto is_part = [parts](int index) { return 0 <= index && index < parts; };
   if (!is_part(joint.parent) || !is_part(joint.child)) return "has an end that is out of range";
@@ -58,7 +58,7 @@ struct PartPlacement {
   Eigen::Matrix2Xi positions;                               ///< 2 x parts, (x, y) in the part's map [px]
 };
 
-/// How a solve of a pictorial structure ended.
+/// The result of a solve of a pictorial structure.
 struct PictorialSummary {
   Status status = Status::NotRun;  ///< Converged, InvalidInput, OutOfMemory or Interrupted
   Message message;                 ///< what is wrong

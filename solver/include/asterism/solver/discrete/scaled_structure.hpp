@@ -25,8 +25,8 @@ inline namespace ASTERISM_ABI {
 
 /// A joint whose parts have layers of scale.
 struct ScaledJoint : Joint {
-  /// Of the child's layer less the parent's, in layers; that no layer changes costs nothing by default, and
-  /// one layer costs 1.
+  /// The cost of the difference of the child's and the parent's layer [layers]; by default the square of the
+  /// difference.
   AxisCost layer;
 };
 

@@ -44,7 +44,7 @@ struct GlobalLink {
   std::int64_t j = 0;  ///< another node
 };
 
-/// What one process knows of a distributed system before it is partitioned. Nodes are numbered through the
+/// The share of one process in a distributed system before it is partitioned. Nodes are numbered through the
 /// processes: those of process 0 come first. Links and fixed nodes may be listed by any process, once. A
 /// process may have nothing, and one process may have everything. Values and units are those of SpringSystem.
 template <int kDim>
@@ -105,7 +105,7 @@ struct DistributedOptions {
   PetscMethod method = PetscMethod::NewtonTrustRegion;
   PetscPreconditioner preconditioner = PetscPreconditioner::Jacobi;
 
-  /// What is wrong with the options; nullptr if nothing is.
+  /// The first problem of the options, or nullptr if there is none.
   const char* problem() const;
 };
 
@@ -121,7 +121,7 @@ class ASTERISM_API DistributedSystem {
   using Points = typename SystemShare<kDim>::Points;
 
   /// Partitions and distributes the system of all shares. Links between the partitions are on both sides.
-  /// What is wrong with it is in problem().
+  /// problem() says what is wrong with it.
   DistributedSystem(MPI_Comm comm, const SystemShare<kDim>& share);
   ~DistributedSystem();
   DistributedSystem(DistributedSystem&&) noexcept;
@@ -135,7 +135,7 @@ class ASTERISM_API DistributedSystem {
   /// or OutOfMemory, with PETSc's words. Iterations are steps of the method.
   Summary solve(const DistributedOptions& options = {});
 
-  /// Where the nodes are: each process gets the columns of its share. This and gather have no columns if
+  /// The places of the nodes: each process gets the columns of its share. This and gather have no columns if
   /// there is a problem(), and throw std::runtime_error for an error of PETSc or MPI.
   Points placement() const;
   /// All nodes in the order of their numbers on process `root`, nothing on the others.

@@ -13,7 +13,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Of draw_graph.
+/// Options of draw_graph.
 struct DrawingOptions {
   double power = 2;        ///< the weight of two nodes is their distance along the graph ^ -power
   int iterations = 0;      ///< 0: 60 up to 100,000 nodes, and 20 for more

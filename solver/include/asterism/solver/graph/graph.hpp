@@ -31,18 +31,18 @@ class ASTERISM_API Graph {
   int nodes() const { return static_cast<int>(first_.size()) - 1; }
   /// All edges have the same length.
   bool is_uniform() const { return lengths_.empty(); }
-  /// That length, 1 if there are no edges.
+  /// The length of all edges, 1 if there are none.
   double unit() const { return unit_; }
   std::span<const int> neighbours(int node) const {
     return {&ends_[0] + first(node), &ends_[0] + first(node + 1)};
   }
-  /// Of the edges to the neighbours, in the same order. Only if the graph is not uniform.
+  /// The lengths of the edges to the neighbours, in the same order. Only if the graph is not uniform.
   std::span<const double> lengths(int node) const {
     return {&lengths_[0] + first(node), &lengths_[0] + first(node + 1)};
   }
   /// The number of the connected component of each node; components are numbered by their first nodes.
   std::vector<int> components() const;
-  /// The same graph, in which node k is node order[k] of this one. `order` has each node once.
+  /// This graph with other numbers: node k is node order[k] of this one. `order` has each node once.
   Graph renumbered(std::span<const int> order) const;
 
  private:

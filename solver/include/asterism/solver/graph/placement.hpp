@@ -8,7 +8,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Of place_points.
+/// Options of place_points.
 struct PlacementOptions {
   int threads = 1;  ///< 0: as many as the machine runs at once; the result does not depend on it
   const std::atomic<bool>* stop = nullptr;  ///< if set to true, the rest is left out

@@ -18,7 +18,7 @@ struct Separation {
   double gap;  ///< >= 0 and finite
 };
 
-/// What a drawing has to keep to, exactly. Each member may be empty.
+/// Rules that a drawing keeps exactly. Each member may be empty.
 struct DrawingRules {
   /// The width and the height of each node's box, in whose middle the node is: >= 0 and finite. No two boxes
   /// overlap, but they may touch. Only in the plane.
@@ -41,7 +41,7 @@ struct DrawingRules {
   }
 };
 
-/// Of apply_rules.
+/// Options of apply_rules.
 struct RuleOptions {
   int passes = 300;  ///< at most, before the rules are enforced in one sweep along each axis
   const std::atomic<bool>* stop = nullptr;  ///< if set to true, it ends, with Status::Interrupted

@@ -72,7 +72,7 @@ struct StoredSprings {
 
 constexpr int kAnyDimension = -1;
 
-/// What takes the systems of a text, one after the other.
+/// Receives the systems of a text, one after the other.
 struct StoredVisitor {
   int dim = 0;                ///< of springs: the only one that is taken; 0: 2 and 3; or kAnyDimension
   bool takes_shapes = false;  ///< whether springs' anchors may be anisotropic

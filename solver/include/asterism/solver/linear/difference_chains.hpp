@@ -94,7 +94,7 @@ class DifferenceChains {
     return true;
   }
 
-  /// Of the matrix of each chain.
+  /// The logarithm of the determinant of each chain's matrix.
   const std::vector<double>& log_det() const { return log_det_; }
 
   /// x (points, chains, Dim), which holds the right side A_t m_t, becomes the minimum.

@@ -44,7 +44,7 @@ struct BranchAndBoundOptions : GlobalOptions {
   /// Maximum number of nodes of the search tree.
   int max_nodes = 10000;
 
-  /// What is wrong with the options; nullptr if nothing is.
+  /// The first problem of the options, or nullptr if there is none.
   constexpr const char* problem() const {
     if (max_nodes < 0) return "option max_nodes is negative";
     return GlobalOptions::problem();

@@ -7,8 +7,8 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// The same springs as another type of system, of any size and of at least as many dimensions, in the first
-/// of which anchors, offsets and loads are.
+/// Converts springs to another type of system, of any size and of at least as many dimensions. The added
+/// coordinates of anchors, offsets and loads are zero.
 template <typename To, typename From>
 To cast_system(const From& from) {
   static_assert(To::kNodes == Eigen::Dynamic && To::kDim >= From::kDim);

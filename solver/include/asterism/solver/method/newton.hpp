@@ -117,8 +117,8 @@ class Newton {
     return true;
   }
 
-  // Whether a step of this square may lead to where the Hessian, nearly singular before it, is not positive
-  // definite.
+  // Whether a step of this squared length could make the Hessian indefinite, which it may do if the Hessian
+  // was nearly singular before.
   bool may_turn_indefinite(Scalar square) const {
     const Scalar flat = kFlatShare * matrix_.least_pivot() * session_.length();
     return square > flat * flat;

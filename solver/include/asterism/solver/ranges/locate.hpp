@@ -11,7 +11,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What locate() is to find.
+/// Options of locate().
 struct LocateOptions {
   double within = 5;  ///< minima up to this much above the least energy are listed, >= 0
   /// From this residual on [sigma], > 0, a range counts as an outlier, which costs cutoff^2 / 2 wherever the
@@ -32,7 +32,7 @@ struct PositionMinimum {
   double weight;  ///< its part of the posterior probability, by Laplace's approximation, of all listed minima
 };
 
-/// What locate() finds.
+/// The result of locate().
 template <int Dim>
 struct PositionFix {
   static constexpr int kMost = 32;  ///< minima that can be listed

@@ -27,7 +27,7 @@ struct PathMeasurements {
   std::span<const double> sigma;  ///< (R) standard deviations of the ranges, > 0 [m]
 };
 
-/// How locate_path() proceeds.
+/// Options of locate_path().
 struct PathOptions {
   /// The energy of a range never exceeds cutoff^2 / 2 (Geman and McClure's loss), > 0 [sigma]. Infinity:
   /// least squares, without outliers.
@@ -58,7 +58,7 @@ struct PathOptions {
   const char* problem() const;
 };
 
-/// What locate_path() finds. A path is at a local minimum of its energy.
+/// The result of locate_path(). A path is at a local minimum of its energy.
 struct PathEstimate {
   Status status =
       Status::NotRun;           ///< Converged, MaxIterations, InvalidInput, NumericalFailure or Interrupted
@@ -74,7 +74,7 @@ struct PathEstimate {
   /// that it has at the minimum, increased by the cost of these weights, so that it is comparable with
   /// `energy`. 0 if it is not wanted.
   double lower_bound = 0;
-  double evidence = 0;    ///< logarithm of the evidence by Laplace's approximation, but for a constant
+  double evidence = 0;    ///< logarithm of the evidence by Laplace's approximation, up to a constant
   double turn_sigma = 0;  ///< as given or estimated
   int nodes = 0;          ///< positions of the chain
   int iterations = 0;     ///< of all descents: factorisations
@@ -88,7 +88,7 @@ struct PathEstimate {
 /// and unknown beacons with fewer than two ranges.
 ASTERISM_API PathEstimate locate_path(const PathMeasurements& measurements, const PathOptions& options = {});
 
-/// What a PathStream needs to know.
+/// Options of a PathStream.
 struct PathStreamOptions {
   int window = 10'000;  ///< positions that are kept at least, >= 16; up to a tenth more are
   double cutoff = std::numeric_limits<double>::infinity();  ///< as PathOptions::cutoff
@@ -125,7 +125,7 @@ class ASTERISM_API PathStream {
   /// or what is wrong: then nothing has changed.
   Message range(double x, double y, double range, double sigma);
 
-  /// Where the robot is now: x, y [m] and heading [rad], in (-pi, pi].
+  /// The robot's present pose: x, y [m] and heading [rad], in (-pi, pi].
   std::array<double, 3> pose() const;
   /// The covariance of x and y, row by row [m^2]; infinite before the robot has moved by `shortest`.
   std::array<double, 4> covariance();

@@ -131,7 +131,7 @@ System to_system(const Springs& springs) {
 
 namespace detail {
 
-/// What lets a solver of System solve springs.
+/// Makes a solver of springs from a solver of System.
 template <typename Springs>
 struct FromSprings {
   Message problem(const Springs& springs, const typename Springs::Points& x) const {

@@ -80,7 +80,7 @@ class ASTERISM_API Differences final : public TermOf<Differences, LinearTerm> {
   void add_scales(const Points& x, Scales& scales) const override;
 };
 
-/// How a link's stretch s depends on its length r and its rest length mu.
+/// The law by which a link's stretch s depends on its length r and its rest length mu.
 enum class LinkLaw {
   Hooke,      ///< s = r - mu
   Rope,       ///< as Hooke's where it is longer than mu, else 0
@@ -116,7 +116,7 @@ class ASTERISM_API LengthTerm : public Term {
   const char* why_not_differentiable() const override;
   void add_scales(const Points& x, Scales& scales) const override;
 
-  /// Of all elements.
+  /// The law of all elements.
   LinkLaw law() const { return static_cast<LinkLaw>(choice(0)); }
   /// See law().
   void set_law(LinkLaw law);
@@ -264,7 +264,7 @@ class ASTERISM_API CommonLength final : public TermOf<CommonLength> {
   double curvature_of_estimate(const Eigen::VectorXd& ranges, double estimate, bool clamp) const;
 };
 
-/// What a user's function returns of `count` elements.
+/// The results of a user's function for `count` elements.
 struct ElementValues {
   Eigen::VectorXd energy;    ///< count
   Eigen::MatrixXd gradient;  ///< (D arity) x count

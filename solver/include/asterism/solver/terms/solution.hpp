@@ -12,8 +12,8 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What can be asked about a solution x, a minimum of the energy: it validates, assembles and factors the
-/// Hessian once. The system and x may change afterwards; the answers are those of the time of construction.
+/// Answers questions about a solution x, a minimum of the energy. It validates, assembles and factors the
+/// Hessian once. The system and x may change afterwards; the answers do not change.
 ///
 ///     const asterism::Solution solution(system, x);
 ///     if (!solution) std::cerr << solution.problem();
@@ -35,8 +35,8 @@ class ASTERISM_API Solution {
   /// The covariance by Laplace's approximation, H^-1, of one node, dim x dim; 0 for a fixed node. Throws
   /// std::logic_error without answers, std::out_of_range for an unknown node.
   Eigen::MatrixXd covariance(int node) const;
-  /// Those of all nodes side by side, dim x (dim nodes), by selected inversion (Takahashi, Fagan and Chin
-  /// 1973). Throws as above.
+  /// The covariances of all nodes side by side, dim x (dim nodes), by selected inversion (Takahashi, Fagan
+  /// and Chin 1973). Throws as above.
   Eigen::MatrixXd covariances() const;
   /// The whole matrix, (dim nodes) x (dim nodes). Throws as above.
   Eigen::MatrixXd joint_covariance() const;

@@ -94,7 +94,7 @@ struct GlobalOptions : AlignedOptions {
   /// Sets a gap of 1e-3.
   constexpr GlobalOptions() { gap = 1e-3; }
 
-  /// What is wrong with the options; nullptr if nothing is.
+  /// The first problem of the options, or nullptr if there is none.
   constexpr const char* problem() const {
     if (!(gap > 0)) return "option gap is not positive";
     if (!(max_seconds >= 0)) return "option max_seconds is negative or not a number";

@@ -20,8 +20,8 @@ enum class Curvature {
   Minorising   ///< M with E(y) >= E(x) + g . (y - x) + (y - x)^T M (y - x) / 2 for all y
 };
 
-/// How an element's energy grows with the square s of its residual, 1/2 k rho(s); the columns `scale` and
-/// `sharpness` are its parameters. See the classes Huber, GemanMcClure and Truncated for the formulas.
+/// The law by which an element's energy grows with the square s of its residual, 1/2 k rho(s); `scale` and
+/// `sharpness` are its columns. See the classes Huber, GemanMcClure and Truncated for the formulas.
 enum class Loss { Quadratic, Huber, GemanMcClure, Truncated };
 
 /// Takes the second derivatives of a term, element by element.
@@ -48,7 +48,7 @@ class ASTERISM_API CurvatureSink {
   int hidden_node_ = -1;
 };
 
-/// What a stopping rule measures a system by.
+/// The scales by which a stopping rule measures a system.
 struct Scales {
   Eigen::VectorXd
       stiffness;            ///< of each node, as the other nodes stand still: an upper bound where one exists
@@ -59,13 +59,13 @@ struct Scales {
   struct Place {
     int node;          ///< its number
     double stiffness;  ///< of the spring that pulls
-    /// Where its force is 0: dim numbers that live as long as the term.
+    /// The place where its force is 0: dim numbers that live as long as the term.
     const double* position;
   };
   std::vector<Place> places;  ///< one for each such spring
   Eigen::VectorXd loads;      ///< the length of each node's load
 
-  /// Of so many nodes that nothing holds yet.
+  /// Scales of so many nodes that nothing holds yet.
   explicit Scales(int nodes)
       : stiffness(Eigen::VectorXd::Zero(nodes)),
         holders(Eigen::VectorXi::Zero(nodes)),
@@ -150,12 +150,12 @@ class ASTERISM_API Term {
   /// number of nodes of an element.
   void set_nodes(Eigen::MatrixXi nodes);
 
-  /// What is wrong with the numbers, for a system of so many nodes; empty for nothing.
+  /// The first problem of the numbers, for a system of so many nodes; empty if there is none.
   virtual std::string defect(int node_count) const;
 
   /// The energy at x (dim x nodes); adds its gradient to `gradient` unless that is null.
   virtual double energy(const Points& x, Points* gradient) const = 0;
-  /// What rounding errors are shares of, see magnitude().
+  /// The reference of relative rounding errors, see magnitude().
   struct Magnitude {
     double energy = 0;    ///< of the energy
     double gradient = 0;  ///< of the gradient's norm
@@ -209,9 +209,9 @@ class ASTERISM_API Term {
     /// Whether there are any.
     explicit operator bool() const { return data != nullptr; }
   };
-  /// Of columns()[column].
+  /// The numbers of columns()[column].
   Numbers numbers(std::size_t column) const;
-  /// Of an array of the shape of Column::values.
+  /// The numbers of an array of the shape of Column::values.
   static Numbers numbers(const Eigen::MatrixXd& values);
   /// Of so many nodes, the first ones, the elements are all pairs (0, 1), (0, 2), ..., in this order; else 0.
   int all_pairs_of() const { return all_pairs_of_; }

@@ -15,9 +15,9 @@ ASTERISM_API bool shows_scene(const Frame& frame);
 struct ASTERISM_API SceneView {
   static constexpr int kCells = 16;  ///< a side, of the frame
 
-  /// Of no frame: all levels are 0.
+  /// A view of no frame: all levels are 0.
   SceneView() = default;
-  /// Of this frame.
+  /// A view of this frame.
   explicit SceneView(const Frame& frame);
 
   /// Whether it shows nearly one gray level.
@@ -28,7 +28,7 @@ struct ASTERISM_API SceneView {
   std::array<std::uint8_t, kCells * kCells> levels{};  ///< the means
 };
 
-/// What a frame shows, compared with one that was followed.
+/// The content of a frame, compared with one that was followed.
 enum class Sight {
   Scene,       ///< the same scene
   OtherScene,  ///< another one, or noise
@@ -50,7 +50,7 @@ struct ASTERISM_API FollowedFrame {
   FollowedFrame(const Frame& frame, const cv::Rect2d& box);
   /// This becomes the frame, of this view and result. A box that is empty or not finite is not taken.
   void learn(const Frame& frame, const SceneView& frame_view, const TrackResult& result);
-  /// What a later frame shows, which has this view.
+  /// Classifies a later frame, which has this view.
   Sight compare(const Frame& frame, const SceneView& frame_view) const;
   /// Whether a tracker found its object in a later frame, and is not much less sure of it.
   bool is_found(const TrackResult& result) const;

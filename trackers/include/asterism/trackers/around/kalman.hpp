@@ -25,10 +25,10 @@ class ASTERISM_API ConstantVelocityFilter {
   /// The point was measured, with a covariance (positive semi-definite).
   void update(const Vector& measured, const Matrix& covariance);
 
-  /// What the filter expects now.
+  /// The state that the filter expects now.
   Vector position() const { return state_.head<3>(); }
   Vector velocity() const { return state_.tail<3>(); }
-  /// Of position and velocity, in this order.
+  /// The covariance of position and velocity, in this order.
   const Eigen::Matrix<double, 6, 6>& covariance() const { return covariance_; }
 
   void visit_state(StateArchive& archive);

@@ -26,7 +26,7 @@ class ASTERISM_API ObjectSearch {
   /// Matches that are judged.
   static constexpr std::size_t kMost = 20;
 
-  /// What has been found.
+  /// The match that was found.
   struct Found {
     cv::Rect2d box;               ///< in pixels' edges; within the frame except for fractions of its sides
     BoxJudge::Likeness likeness;  ///< of this box in this frame
@@ -39,7 +39,7 @@ class ASTERISM_API ObjectSearch {
   /// is smaller than the object, or of more than 8192 times its area: so small an object is not searched.
   /// `judge` must have been started as this search was; its averages stay as they are.
   Found find(const Frame& frame, const Size2& size, BoxJudge& judge);
-  /// What has been learned, for save_state.
+  /// Visits what has been learned, for save_state.
   void visit_state(StateArchive& archive);
 
  private:

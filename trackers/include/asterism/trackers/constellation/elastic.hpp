@@ -53,11 +53,11 @@ class ASTERISM_API ElasticConstellation : public SpringConstellation {
 };
 
 /// The edges of the Delaunay triangulation of points (2 x N, finite) in the plane; of points on a line, or
-/// fewer than three, all pairs. Of points that coincide one is linked.
+/// fewer than three, all pairs. If points coincide, one of them is linked.
 ASTERISM_API Topology<> delaunay(const ElasticConstellation::Points& points);
 
-/// How the object moved, by the parts' evidence alone: the transform of the layout that most of it agrees
-/// with, within the constellation's reach.
+/// The motion of the object by the parts' evidence alone: the transform of the layout with which most of the
+/// evidence agrees, within the constellation's reach.
 ASTERISM_API RobustTransform fit_pose(const ElasticConstellation::Points& layout,
                                       const ElasticConstellation::Points& placed,
                                       const Eigen::VectorXd& weights, const ObjectPose& pose, double reach);

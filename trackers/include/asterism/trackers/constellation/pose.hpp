@@ -19,7 +19,7 @@ class ASTERISM_API ObjectPose {
   static constexpr double kMinScale = 0.1, kMaxScale = 10;
 
   ObjectPose() = default;
-  /// Where the object is in its first frame.
+  /// The object's place in its first frame.
   explicit ObjectPose(const cv::Rect2d& box)
       : centre_(centre_of(box)), size_(box.width, box.height), first_size_(size_) {}
 

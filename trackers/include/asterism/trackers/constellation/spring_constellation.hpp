@@ -24,7 +24,7 @@ class ASTERISM_API SpringConstellation {
   /// Sets other parts, at a placement.
   void assign(const Points& placement, const Topology<>& topology);
 
-  /// Where the parts are in the image.
+  /// The parts' places in the image.
   const Points& placement() const { return placement_; }
   Points& placement() { return placement_; }
   /// The springs of the last frame: one term of anchors, one for each part, and one of links.
@@ -32,7 +32,7 @@ class ASTERISM_API SpringConstellation {
   /// Number of parts, and their links.
   int size() const { return system_.nodes(); }
   std::vector<Link> links() const;
-  /// Where the anchors hold the parts, 2 x N, and how long the links are without force, 1 x links [px].
+  /// The positions of the anchors, 2 x N, and the rest lengths of the links, 1 x links [px].
   const Eigen::MatrixXd& anchors() const { return system_.term(kAnchors).values("position"); }
   const Eigen::MatrixXd& rest_lengths() const { return system_.term(kLinks).values("length"); }
 

@@ -18,7 +18,7 @@ struct ASTERISM_API PlaneTransform {
   PlaneTransform inverse() const;
 };
 
-/// What a transform may change.
+/// The changes that a transform may make.
 enum class TransformModel {
   Euclidean,  ///< rotation and translation, the paper's words (Sec. 2.5.2)
   Similarity  ///< with a uniform scale, which Algorithm 2's "position and size" needs
@@ -30,7 +30,7 @@ enum class TransformModel {
 ASTERISM_API PlaneTransform fit_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
                                           const Eigen::Ref<const Eigen::Matrix2Xd>& to, TransformModel model);
 
-/// How the least-squares transform follows the points that it fits: the derivative of
+/// The derivative of the least-squares transform by the points that it fits: of
 /// fit_transform(from, to, model)(point), x and y, and of the logarithm of its scale (rows) by `to`
 /// (coordinate d of column i is column 2 i + d). jacobian: 3 x 2N, written.
 ASTERISM_API void fit_jacobian(const Eigen::Ref<const Eigen::Matrix2Xd>& from,

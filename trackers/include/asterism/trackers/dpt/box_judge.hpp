@@ -47,7 +47,7 @@ class ASTERISM_API BoxJudge {
 
   /// The averages after the last frame.
   const Likeness& likeness() const { return likeness_; }
-  /// What has been learned, for save_state.
+  /// Visits what has been learned, for save_state.
   void visit_state(StateArchive& archive);
 
  private:

@@ -20,7 +20,7 @@ inline namespace ASTERISM_ABI {
 /// Which parts are linked by springs (the paper's Table 1).
 enum class Constellation { Full, Local, Star };
 
-/// What Dpt solves in a frame; it refers to the tracker's own data, which is valid during the call of
+/// The solve of Dpt in a frame. It refers to the tracker's own data, which is valid during the call of
 /// DptOptions::on_solve.
 struct DptSolve {
   const SpringConstellation& springs;        ///< the springs of the frame
@@ -138,11 +138,11 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   /// (TrackResult::covariance).
   std::optional<Eigen::Matrix3d> estimate_map_constellation(Placement& x);
   /// Line 4: root position and size, by the transform from the last constellation to x, and by the root's own
-  /// evidence where it has a weight. x becomes the last constellation; it is scaled to the size that a scale
-  /// filter or the root has a say in, if there is one. The box's covariance is changed alike.
+  /// evidence where it has a weight. x becomes the last constellation. If a scale filter or the root
+  /// contributes to the size, x and the box's covariance are scaled to that size.
   void update_root(const Frame& frame, const Evidence& root, Placement& x,
                    std::optional<Eigen::Matrix3d>& covariance);
-  /// How far the root's evidence moves the centre [px], and the box's covariance with it.
+  /// The shift of the centre by the root's evidence [px]; also changes the box's covariance.
   Point2 weigh_root(const Evidence& root, const Point2& centre,
                     std::optional<Eigen::Matrix3d>& covariance) const;
   /// Line 5 (Sec. 2.5.2): nominal lengths, and the models of those parts that may learn, which it marks.

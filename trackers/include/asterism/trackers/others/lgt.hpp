@@ -14,7 +14,7 @@ inline namespace ASTERISM_ABI {
 /// Lgt's part model: a histogram of 16 gray levels on 6 x 6 samples.
 ASTERISM_API AnyPart histogram_part();
 
-/// How Lgt makes a box from its parts.
+/// The ways in which Lgt makes a box from its parts.
 enum class PartsBox {
   Bounds,  ///< the bounding box of all parts, as in LGT
   Spread   ///< the first box, each side scaled as the parts' weighted spread along it

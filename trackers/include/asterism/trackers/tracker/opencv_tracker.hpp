@@ -21,9 +21,9 @@ inline namespace ASTERISM_ABI {
 /// cv::Exception here, with the same text.
 class ASTERISM_API OpenCvTracker final : public cv::Tracker {
  public:
-  /// Of a tracker made elsewhere.
+  /// Wraps a tracker that was made elsewhere.
   explicit OpenCvTracker(AnyTracker tracker) : tracker_(std::move(tracker)) {}
-  /// Of a description; throws as make_tracker.
+  /// Wraps the tracker of a description; throws as make_tracker.
   static cv::Ptr<OpenCvTracker> create(std::string_view description = "dpt_plus");
 
   /// Start on an object; see the concept Tracker for the images and boxes that are refused.
@@ -32,7 +32,7 @@ class ASTERISM_API OpenCvTracker final : public cv::Tracker {
   /// apart; true. False, with `box` as it was, where the tracker holds the object for lost.
   bool update(cv::InputArray image, cv::Rect& box) override;
 
-  /// Of the last `update`; its box is empty before.
+  /// The result of the last `update`; its box is empty before the first one.
   const TrackResult& result() const { return result_; }
 
  private:

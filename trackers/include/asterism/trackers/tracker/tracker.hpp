@@ -77,7 +77,7 @@ struct TrackResult {
   /// `weak`, or `lost` where that is empty.
   bool is_weak() const { return weak.value_or(lost); }
 
-  /// Of all stages together.
+  /// The time of all stages together.
   double milliseconds() const {
     double sum = 0;
     for (const StageTime& t : times) sum += t.milliseconds;
@@ -111,7 +111,7 @@ concept FrameTracker = Tracker<T> && requires(T tracker, const Frame& frame, con
 
 namespace detail {
 
-/// What a tracker is given of a frame: the frame or, if it is no FrameTracker, its 8-bit pixels.
+/// The part of a frame that a tracker gets: the frame or, if it is no FrameTracker, its 8-bit pixels.
 template <Tracker T>
 decltype(auto) seen_by(const Frame& frame) {
   if constexpr (FrameTracker<T>)
@@ -209,9 +209,11 @@ ASTERISM_API std::vector<std::string> tracker_names();
 /// "part": "mosse"}`, the same as one object; or `dpt+MODEL`, DPT with another part model. Part models are
 /// written as PartRegistry::read has them. The names:
 ///
-/// - "dpt" (Dpt), and its variants in the paper's Table 1: "dpt_loc", "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov",
-///   "dpt_crs" (the coarse layer alone, also "coarse") and "dpt_crs_nos" (its filter alone; "kcf" is that in
-///   the window of Henriques' KCF);
+/// - "dpt" (Dpt), and its variants by the names of the paper's Table 1 or in words: "dpt_loc" or "dpt_local",
+///   "dpt_str" or "dpt_star", "dpt_3x3_ov" or "dpt_nine_overlapping", "dpt_3x3_nov" or "dpt_nine_parts",
+///   "dpt_crs" or "coarse" (the coarse layer alone), "dpt_crs_nos" or "dpt_coarse_no_color" (its filter
+///   alone);
+/// - "kcf", that filter in the window of Henriques' KCF;
 /// - "dpt_plus", DPT with a root that learns from its surroundings, and a scale filter (docs/tracker.md);
 /// - "dpt_net:FOLDER", DPT with a network in its root: backbone.onnx and head.onnx of NanoTrack, which a user
 ///   has in this folder (docs/tracker.md);

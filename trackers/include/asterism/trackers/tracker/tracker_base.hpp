@@ -14,7 +14,7 @@ ASTERISM_API void check_start(const Frame& frame, const cv::Rect2d& box);
 
 namespace detail {
 
-/// What `update(image)` does: `update` with the image's frame, whose conversion is the first stage.
+/// Calls `update` with the image's frame, whose conversion is the first stage, for `update(image)`.
 ASTERISM_API TrackResult update_timed(const cv::Mat& image,
                                       const std::function<TrackResult(const Frame&)>& update);
 /// Throws std::logic_error: "TRACKER: WHAT before init".
