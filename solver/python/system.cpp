@@ -8,6 +8,7 @@
 #include <asterism/solver/terms/kinds.hpp>
 #include <asterism/solver/terms/registry.hpp>
 #include <asterism/solver/terms/solution.hpp>
+#include <asterism/solver/terms/solve.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <cstdint>
 #include <limits>

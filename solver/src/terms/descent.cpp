@@ -183,6 +183,7 @@ double dot(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) { return a.cwiseP
 }  // namespace
 
 Summary SystemIda::solve(const System& system, Eigen::MatrixXd& x) const {
+  if (const char* problem = options.problem()) return refused(name(), problem);
   const double relaxation = options.relaxation;
   return SystemRun::solve(name(), options, system, x, [relaxation](SystemRun& run) {
     if (const std::string missing = missing_curvature(run.system(), Curvature::Majorising);

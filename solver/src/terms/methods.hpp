@@ -85,23 +85,9 @@ struct SystemCg {
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
 
-/// Options of IDA, as those of IdaOptions: without alignment, as in the paper.
-struct SystemIdaOptions : AlignedOptions {
-  /// Each step is so many times IDA's, in (0, 2).
-  double relaxation = 1;
-
-  constexpr SystemIdaOptions() { align = false; }
-};
-
-/// The names of these options, for an OptionVisitor.
-inline void visit_options(OptionVisitor& visit, SystemIdaOptions& options) {
-  visit_options(visit, static_cast<AlignedOptions&>(options));
-  visit("relaxation", options.relaxation, {1e-9, 2 - 1e-9});
-}
-
 /// The paper's IDA: steps -K^-1 g with the majorising matrix K, which is factored once.
 struct SystemIda {
-  SystemIdaOptions options;
+  IdaOptions options;
   static constexpr std::string_view name() { return "IDA"; }
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };

@@ -185,7 +185,7 @@ class Certifier {
     return result;
   }
 
-  /// What this proves of x for a solver, if anything, to this gap instead of the option. See
+  /// The bounds that are proven of x for a solver, if any, to this gap instead of the option. See
   /// CertifierReference.
   std::optional<EnergyBounds> bounds(const System& system, const Points& x, double gap) {
     const double own = std::exchange(options.gap, gap);

@@ -42,7 +42,7 @@ class CertifierReference {
   bool serves() const {
     return system_ == name_of<System>();
   }
-  /// What it proves of x, if anything, with `gap` as its tolerance. Only if it serves this type of systems.
+  /// The bounds that it proves of x, if any, with `gap` as its tolerance. It must serve this type of systems.
   template <typename System>
   std::optional<EnergyBounds> operator()(const System& system, const typename System::Points& x,
                                          double gap) const {

@@ -34,7 +34,7 @@ namespace detail {
 template <int kSize, int kMaxSize>
 class DenseBound {
  public:
-  /// Of the W of `system`, whose minoriser this is.
+  /// Uses the W of `system`, whose minoriser this is.
   template <typename System>
   MinoriserBound bound(const System& system, const Minoriser<System>& minoriser) {
     constexpr int kBlock = Minoriser<System>::kBlock;

@@ -51,7 +51,7 @@ struct FreeMotion {
   }
 };
 
-/// How clearly plain anchors of stiffness k(i) hold one rigid body: positive if they do, without a doubt. The
+/// Measures how clearly plain anchors of stiffness k(i) hold one rigid body: positive if they surely do. The
 /// anchors' energy of a rotation exp(W) about the centroid that leaves the best translation has the second
 /// derivative -tr(W^2 M), M = sum_i k_i (a_i - a) (x_i - c)^T, so tr(M) I - sym(M) is to be positive definite
 /// in space, tr(M) to be positive in the plane. `Number` is a `Real`, or an array of them, one of each

@@ -110,7 +110,7 @@ class FullLinks {
   }
 
   Scalar energy(int l) const { return energy_[l]; }
-  /// What link l pulls node i with, and pushes j.
+  /// The force of link l on node i; that on node j is its negative.
   [[gnu::always_inline]] Point pull(int l) const {
     Point result;
     for (int c = 0; c < kDim; ++c) result[c] = pull_[c][l];

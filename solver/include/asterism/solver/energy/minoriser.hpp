@@ -82,7 +82,7 @@ class Minoriser {
   using Point = typename System::Point;
   using NodeVector = typename System::NodeVector;
 
-  /// Of `system` at x. The nodes of `held`, beside the fixed ones, do not move.
+  /// The minoriser of `system` at x. The nodes of `held` and the fixed nodes do not move.
   template <typename Held>
   void set(const System& system, const Points& x, bool clamp, const Held& held) {
     const int n = system.nodes();

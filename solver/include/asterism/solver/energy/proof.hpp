@@ -10,7 +10,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What is proven about a placement.
+/// The strongest statement that is proven about a placement.
 enum class Proof {
   UniqueGlobalMinimum,  ///< its energy is the least there is, to the tolerance, and there is one minimum that
                         ///< has it, within Certificate::distance
@@ -47,7 +47,7 @@ struct CertifyOptions {
   /// solver's default tolerance leaves far less.
   double gap = 1e-6;
 
-  /// What is wrong with the options, nullptr for nothing.
+  /// The first problem of the options, or nullptr if there is none.
   constexpr const char* problem() const {
     return gap >= 0 && detail::is_finite(gap) ? nullptr : "option gap is negative or not finite";
   }

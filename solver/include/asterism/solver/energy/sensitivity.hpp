@@ -76,7 +76,7 @@ struct SensitivityOptions {
   /// number of the Hessian. A solver's default tolerance is 1e-8. At least 64 epsilons of the scalar.
   double stationarity = 1e-6;
 
-  /// What is wrong with the options, nullptr for nothing.
+  /// The first problem of the options, or nullptr if there is none.
   constexpr const char* problem() const {
     return stationarity >= 0 && detail::is_finite(stationarity)
                ? nullptr
@@ -223,7 +223,7 @@ struct SystemGradient : SystemTangent<System> {
   explicit operator bool() const { return status == SensitivityStatus::Computed; }
 };
 
-/// How the solution moves with the values, or the reason why that was not computed.
+/// The motion of the solution with the values, or the reason why it was not computed.
 template <typename System>
 struct SolutionTangent {
   SensitivityStatus status = SensitivityStatus::InvalidInput;  ///< whether there is one
@@ -449,7 +449,7 @@ class Sensitivity {
  public:
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
-  /// Of forward mode.
+  /// The result of forward mode.
   using Tangent = SystemTangent<System>;
 
   SensitivityOptions options;

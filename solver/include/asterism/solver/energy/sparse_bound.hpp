@@ -19,7 +19,7 @@ namespace detail {
 template <typename Factor, int kBlock>
 class SparseBound {
  public:
-  /// Of the W of `system`, whose minoriser this is. `is_clamped`: W is definite up to rounding, and its
+  /// Uses the W of `system`, whose minoriser it is. `is_clamped`: W is definite up to rounding, and its
   /// least eigenvalue is not wanted.
   template <typename System>
   MinoriserBound bound(const System& system, const Minoriser<System>& minoriser, bool is_clamped) {

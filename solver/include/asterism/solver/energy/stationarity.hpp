@@ -59,9 +59,9 @@ bool has_weak_anchors(const System& system) {
   return 10 * system.anchor_stiffness.sum() < system.link_stiffness.sum();
 }
 
-/// What a spring counts for where lengths are averaged: 1, and less in proportion to its stiffness where that
-/// is below a ten-thousandth of the strongest's, so that a spring that holds next to nothing measures next to
-/// nothing; 0 without stiffness.
+/// The weight of a spring in the average of lengths: 1; for a spring weaker than a ten-thousandth of the
+/// strongest, less, in proportion to its stiffness, so that a spring that holds hardly anything counts
+/// hardly anything; 0 without stiffness.
 template <typename Scalar>
 class SpringWeight {
  public:
@@ -201,7 +201,7 @@ class StoppingRule {
     return in_range && is_finite(tolerance_);
   }
 
-  /// What the rounding of coordinates up to some tens of L leaves.
+  /// The least tolerance that rounding allows for coordinates up to some tens of L.
   static constexpr Scalar kLeastTolerance = 64 * std::numeric_limits<Scalar>::epsilon();
 
   /// The tolerance asked for, or what the scalar resolves where that is more.

@@ -13,29 +13,6 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Options of Ida.
-struct IdaOptions : AlignedOptions {
-  /// Over-relaxation w: each step is w times IDA's. 0 < w < 2, else InvalidInput; every such w is monotone,
-  /// as E falls by at least w (1 - w / 2) g^T K_dyn^-1 g. 1 is the paper's algorithm. About 1.7 needs fewer
-  /// iterations, but may end in another minimum.
-  double relaxation = 1;
-
-  /// Without alignment, as in the paper.
-  constexpr IdaOptions() { align = false; }
-  constexpr IdaOptions(const SolverOptions& options) : AlignedOptions(options) { align = false; }
-
-  constexpr const char* problem() const {
-    if (!(relaxation > 0 && relaxation < 2)) return "option relaxation is not between 0 and 2";
-    return AlignedOptions::problem();
-  }
-};
-
-/// The names of these options, for an OptionVisitor.
-inline void visit_options(OptionVisitor& visit, IdaOptions& options) {
-  visit_options(visit, static_cast<AlignedOptions&>(options));
-  visit("relaxation", options.relaxation, {1e-9, 2 - 1e-9});
-}
-
 /// The iterative direct approach, the paper's Algorithm 1.
 ///
 /// The spring system is split into one 1-D system for each dimension; their matrix K_dyn is the same, so it

@@ -5,7 +5,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What is wrong with an input, and where. Reads as "<subject> <index> <problem>". `problem` is null if
+/// A problem of an input, and its place. Reads as "<subject> <index> <problem>". `problem` is null if
 /// nothing is wrong.
 struct Defect {
   const char* subject = nullptr;  ///< what is wrong, e.g. "link"

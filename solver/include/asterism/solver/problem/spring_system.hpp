@@ -54,7 +54,7 @@ class SpringSystem {
 
  public:
   using Scalar = Scalar_;
-  /// Of links and anchors.
+  /// The kind of links and anchors.
   using Model = Model_;
   using TopologyType = Topology<N, MaxN>;
   using Point = Eigen::Matrix<Scalar, Dim, 1>;
@@ -159,7 +159,7 @@ class SpringSystem {
     return other;
   }
 
-  /// What is wrong with the topology or the fixed nodes.
+  /// The problem of the topology or of the fixed nodes.
   const Defect& defect() const { return topology_.defect() ? topology_.defect() : defect_; }
 
   const TopologyType& topology() const { return topology_; }
@@ -182,7 +182,7 @@ class SpringSystem {
   /// SolverOptions::max_iterations or with Status::NumericalFailure.
   Loads loads;
 
-  /// Of anchor_shape.
+  /// The type of anchor_shape.
   using Shapes = Eigen::Matrix<Scalar, Dim, N == Eigen::Dynamic ? N : Dim * N,
                                (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
                                MaxN == Eigen::Dynamic ? MaxN : Dim * MaxN>;

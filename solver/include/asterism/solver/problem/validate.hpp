@@ -109,7 +109,7 @@ int first_bad_shape(const Shapes& shapes, int count) {
   return -1;
 }
 
-/// What is wrong with the parameters of a loss or potential; nothing if it has none.
+/// The first problem of the parameters of a loss or potential; none if it has no parameters.
 template <typename Function>
 Defect parameter_defect(const char* subject, const Function& function) {
   if constexpr (requires { function.problem(); }) {

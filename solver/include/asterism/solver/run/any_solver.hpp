@@ -81,7 +81,7 @@ class AnySolver {
 
   /// The options that all solvers have.
   SolverOptions& options() { return model_->options(); }
-  /// What serves the option gap where the options have no certifier; solvers of a registry have one.
+  /// Serves the option gap if the options have no certifier; solvers of a registry have one.
   void set_certifier(CertifierSource source) { model_->certifier = std::move(source); }
   /// All of its options, by name.
   void visit_options(OptionVisitor& visit) { model_->visit_options(visit); }
@@ -160,7 +160,7 @@ struct NamedOption {
 /// A solver by its name, with the options that differ from its defaults.
 struct SolverDescription {
   std::string name;                  ///< As SolverRegistry has it.
-  std::vector<NamedOption> options;  ///< Those that differ from the defaults.
+  std::vector<NamedOption> options;  ///< that differ from the defaults
 };
 
 namespace detail {

@@ -53,7 +53,7 @@ struct ThreadExecutor {
 
 namespace detail {
 
-/// How many threads ThreadedOptions::threads asks for: at least 1.
+/// The number of threads for ThreadedOptions::threads: at least 1.
 inline int thread_count(int threads) {
   return threads > 0 ? threads : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }

@@ -29,7 +29,7 @@ struct SolverOptions {
   /// need a certifier, below, without which a gap is InvalidInput.
   double gap = 0;
 
-  /// What computes these certificates: a Certifier of the same type of systems, which lives as long as the
+  /// Computes these certificates: a Certifier of the same type of systems, which lives as long as the
   /// solve and keeps its memory.
   ///
   ///     asterism::Certifier<System> certifier;
@@ -40,7 +40,7 @@ struct SolverOptions {
   /// Maximum number of iterations; 0: only evaluate the start.
   int max_iterations = 10000;
 
-  /// How to treat a connected component that no anchor holds (links of zero stiffness do not connect): its
+  /// The treatment of a connected component that no anchor holds (links of zero stiffness do not count): its
   /// energy does not change as it moves. False: InvalidInput; the message names one of its nodes. True: its
   /// first node is held where the start has it, which costs no energy.
   bool hold_floating = false;
@@ -63,7 +63,7 @@ struct SolverOptions {
   /// Whether `stop` was set.
   bool stopped() const { return stop != nullptr && stop->load(std::memory_order_relaxed); }
 
-  /// What is wrong with the options; nullptr if nothing is. Solvers with more options hide it by their own.
+  /// The first problem of the options, or nullptr. Solvers with more options hide it by their own.
   constexpr const char* problem() const {
     if (!(tolerance >= 0) || !detail::is_finite(tolerance))
       return "option tolerance is negative or not finite";
@@ -101,6 +101,29 @@ inline void visit_options(OptionVisitor& visit, AlignedOptions& options) {
   visit_options(visit, static_cast<SolverOptions&>(options));
   visit("align", options.align);
   visit("allow_reflection", options.allow_reflection);
+}
+
+/// Options of the paper's IDA.
+struct IdaOptions : AlignedOptions {
+  /// Over-relaxation w: each step is w times IDA's. 0 < w < 2, else InvalidInput; every such w is monotone,
+  /// as E falls by at least w (1 - w / 2) g^T K_dyn^-1 g. 1 is the paper's algorithm. About 1.7 needs fewer
+  /// iterations, but may end in another minimum.
+  double relaxation = 1;
+
+  /// Without alignment, as in the paper.
+  constexpr IdaOptions() { align = false; }
+  constexpr IdaOptions(const SolverOptions& options) : AlignedOptions(options) { align = false; }
+
+  constexpr const char* problem() const {
+    if (!(relaxation > 0 && relaxation < 2)) return "option relaxation is not between 0 and 2";
+    return AlignedOptions::problem();
+  }
+};
+
+/// The names of these options, for an OptionVisitor.
+inline void visit_options(OptionVisitor& visit, IdaOptions& options) {
+  visit_options(visit, static_cast<AlignedOptions&>(options));
+  visit("relaxation", options.relaxation, {1e-9, 2 - 1e-9});
 }
 
 /// Options of solvers for large systems that can use several threads.
