@@ -1,4 +1,5 @@
-// asterism-returns: whether trackers find an object that has left the image and comes back.
+// asterism-returns: whether trackers find an object that has left the image and comes back; and how much
+// their results change with the start or the compression of the images.
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -65,8 +66,9 @@ int main(int argc, char** argv) {
   CLI::App app(
       "Writes the overlap of trackers' boxes with the object, and the milliseconds of the processor for each "
       "frame, in videos "
-      "that are made of annotated sequences: the object leaves and comes back. returns.py makes tables of "
-      "it.",
+      "that are made of annotated sequences: the object leaves and comes back, or the start or the images "
+      "are "
+      "slightly different. returns.py and perturbations.py make tables of it.",
       "asterism-returns");
   app.add_option("DATASET", dataset, "a sequence, or a folder of sequences")->required();
   app.add_option("--tracker", trackers,

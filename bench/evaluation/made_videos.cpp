@@ -1,8 +1,11 @@
 #include "made_videos.hpp"
 
 #include <algorithm>
+#include <array>
+#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
+#include <string_view>
 
 namespace asterism::bench {
 
@@ -12,6 +15,19 @@ namespace {
 constexpr std::size_t kLeaves = 40;
 // ... and is followed for so many frames when it is back.
 constexpr std::size_t kAfter = 60;
+
+// A slightly different start or slightly different images.
+struct Perturbation {
+  std::string_view name;
+  int dx, dy;   // how far the start box is moved [px]
+  int quality;  // of JPEG, at which all images are compressed again; 0: they stay as they are
+};
+constexpr std::array<Perturbation, 6> kPerturbations{{{"left", -1, 0, 0},
+                                                      {"right", 1, 0, 0},
+                                                      {"up", 0, -1, 0},
+                                                      {"down", 0, 1, 0},
+                                                      {"jpeg-95", 0, 0, 95},
+                                                      {"jpeg-85", 0, 0, 85}}};
 
 // The pixels that a box covers with a margin of a fifth of its sides.
 cv::Rect around(const cv::Rect2d& box, const cv::Size& image) {
@@ -71,12 +87,28 @@ Shown shifted(const Shown& frame) {
   return result;
 }
 
+cv::Mat compressed(const cv::Mat& image, int quality) {
+  std::vector<unsigned char> bytes;
+  cv::imencode(".jpg", image, bytes, {cv::IMWRITE_JPEG_QUALITY, quality});
+  return cv::imdecode(bytes, cv::IMREAD_UNCHANGED);
+}
+
+Video perturbed(Video video, const Perturbation& by) {
+  if (!video.empty() && video[0].truth) *video[0].truth += cv::Point2d(by.dx, by.dy);
+  if (by.quality > 0)
+    for (Shown& frame : video) frame.image = compressed(frame.image, by.quality);
+  return video;
+}
+
 }  // namespace
 
 void check_kind(const std::string& kind) {
-  for (const char* const known : {"pass", "covered", "masked", "cut", "elsewhere"})
-    if (kind == known) return;
-  throw std::invalid_argument("unknown kind '" + kind + "' (known: pass, covered, masked, cut, elsewhere)");
+  std::vector<std::string_view> kinds{"pass", "covered", "masked", "cut", "elsewhere"};
+  for (const Perturbation& perturbation : kPerturbations) kinds.push_back(perturbation.name);
+  if (std::ranges::find(kinds, kind) != kinds.end()) return;
+  std::string known;
+  for (const std::string_view name : kinds) known += (known.empty() ? "" : ", ") + std::string(name);
+  throw std::invalid_argument("unknown kind '" + kind + "' (known: " + known + ")");
 }
 
 Video shown(const Sequence& sequence, std::size_t most) {
@@ -92,6 +124,8 @@ Video shown(const Sequence& sequence, std::size_t most) {
 Video made_video(const std::string& kind, const Video& video, const Video& other, std::size_t away) {
   check_kind(kind);
   if (kind == "pass") return video;
+  for (const Perturbation& perturbation : kPerturbations)
+    if (kind == perturbation.name) return perturbed(video, perturbation);
   const bool covered = kind == "covered", masked = kind == "masked", elsewhere = kind == "elsewhere";
   const std::size_t leaves = std::min(kLeaves, video.size() / 3), missed = std::min(away, video.size() / 4),
                     back = leaves + missed, end = std::min(video.size(), back + kAfter);

@@ -25,11 +25,17 @@ void check_kind(const std::string& kind);
 /// The first frames of a sequence, `most` at most, as they are.
 Video shown(const Sequence& sequence, std::size_t most);
 
-/// A video made of a sequence, in which the object leaves after 40 frames, or after a third of a shorter
-/// sequence, is away for `away` frames, and is then followed for 60 more. The same arguments make the same
-/// video. The kinds:
+/// A video made of a sequence. The same arguments make the same video. In these kinds the whole sequence is
+/// shown:
 ///
-/// - "pass": the sequence as it is;
+/// - "pass": as it is;
+/// - "left", "right", "up", "down": the true box of the first frame, on which trackers start, is one pixel
+///   away in this direction;
+/// - "jpeg-95", "jpeg-85": the images are compressed once more, by JPEG of this quality.
+///
+/// In the others, the object leaves after 40 frames, or after a third of a shorter sequence, is away for
+/// `away` frames, and is then followed for 60 more:
+///
 /// - "covered": the image beside the object covers it; the scene goes on, for at most a quarter of the
 ///   sequence;
 /// - "masked": the object of `other` covers it, in the same way;
