@@ -181,6 +181,27 @@ void interval_bars(Bars& bars, testing::Kind kind, const std::string& name, doub
             format("%.0f nodes, %.2g ms", median(nodes), 1e3 * median(seconds)), "-", "-", true, true);
 }
 
+/// The intervals of the staircase for many parts, all of which are linked.
+void many_part_bars(Bars& bars, int parts, double anchors, const std::string& name) {
+  using System = SpringSystem<double, 2>;
+  constexpr double kGap = 1e-3;
+  AnySolver<System> staircase = make_solver<System>("staircase");
+  const int systems = bars.quick() ? 10 : 100;
+  int narrow = 0;
+  std::vector<double> seconds;
+  for (int index = 0; index < systems; ++index) {
+    auto [system, x] = testing::numbered_system<System>(testing::Kind::Track, Topology<>::full(parts),
+                                                        static_cast<std::uint64_t>(index));
+    system.anchor_stiffness *= anchors;
+    const double begin = cpu_seconds();
+    narrow += staircase.solve(system, x).is_within(kGap) ? 1 : 0;
+    seconds.push_back(cpu_seconds() - begin);
+  }
+  bars.at_least(name + format(", within %g by the staircase", kGap), "%.0f %%", 100.0 * narrow / systems, 90,
+                100);
+  bars.information(name + ", the staircase's time, median", format("%.1f ms", 1e3 * median(seconds)));
+}
+
 /// What a proof in the lanes adds to the solve of a batch.
 void batch_bars(Bars& bars, testing::Kind kind, const std::string& name) {
   using Batch = SpringBatch<double, 2, 4>;
@@ -251,6 +272,8 @@ void proof_bars(Bars& bars) {
   interval_bars(bars, testing::Kind::Lit, "N=4 LIT", 1e-6);
   interval_bars(bars, testing::Kind::Track, "N=4 TRACK", 1e-3);
   interval_bars(bars, testing::Kind::Track, "N=4 TRACK", 1e-6);
+  many_part_bars(bars, 100, 1, "N=100 TRACK");
+  many_part_bars(bars, 100, 0.01, "N=100 TRACK, anchors x 0.01");
   sparse_bar(bars);
   const int systems = bars.quick() ? 500 : 100000;
   Counts all;

@@ -211,6 +211,29 @@ TEST(Staircase, BoundsThousandsOfNodes) {
   EXPECT_TRUE(summary.is_within(0.06)) << summary.lower_bound << " of " << summary.final_energy;
 }
 
+// Weak anchors: a minimum in more dimensions to the usual tolerance proves nothing at all of most of these.
+TEST(Staircase, BoundsManyPartsOnWeakAnchors) {
+  constexpr int kSystems = 10;
+  int narrow = 0;
+  for (std::uint64_t index = 0; index < kSystems; ++index) {
+    auto [springs, start] = testing::numbered_system<Plane>(Kind::Track, Topology<>::full(49), index);
+    springs.anchor_stiffness *= 0.01;
+    const System system = to_system(springs);
+    MatrixXd x = start;
+    const Summary summary = solve("staircase", system, x);
+    ASSERT_TRUE(summary.usable());
+    narrow += summary.is_within(1e-3) ? 1 : 0;
+    // Of many starts, none ends below the bound.
+    Rng rng(index);
+    for (int i = 0; i < 10; ++i) {
+      MatrixXd other = start + random_points(rng, 2, 49);
+      const Summary found = solve("newton", system, other);
+      EXPECT_LE(summary.lower_bound, found.final_energy * (1 + 1e-12)) << "system " << index;
+    }
+  }
+  EXPECT_GE(narrow, 9);
+}
+
 TEST(Staircase, PassesOnWhatItsMethodSays) {
   const auto [springs, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(6), 2);
   const System system = to_system(springs);
