@@ -47,7 +47,7 @@ GROUPS = [
      'PictorialResult ScaledResult LoopyResult'),
     ('Systems in files', 'python.md#systems-in-files', 'read_systems parse_systems write_systems StoredSystem'),
     ('Trackers', 'python.md#track-an-object', 'Tracker TrackResult PartState OpenCvTracker MultiTracker tracker_names tracker_options '
-     'part_names part_options suggested_range'),
+     'smooth_track part_names part_options suggested_range'),
 ]
 # Modules of the package; torch is read, not imported, as it needs PyTorch.
 MODULES = [('evaluation', 'python.md#results-of-an-evaluation'), ('trax', 'trax.md#a-tracker-in-python'),

@@ -307,6 +307,30 @@ class TrackersTest(unittest.TestCase):
         self.assertEqual((bool(found), found.lost), (True, False))
         self.assertEqual((bool(lost), lost.lost), (False, True))
 
+    def test_smooths_a_track_after_the_fact(self):
+        results = follow(self.started(), self.frames[1:])
+        smoothed = asterism.smooth_track(BOX, results, self.frames[0].shape)
+        self.assertEqual(len(smoothed), len(results))
+
+        def jitter(some):
+            return np.abs(np.diff([BOX, *boxes(some)], 2, axis=0)).sum()
+
+        self.assertLess(jitter(smoothed), jitter(results))
+        self.assertEqual([r.confidence for r in smoothed], [r.confidence for r in results])
+        self.assertEqual(smoothed[3].covariance.shape, (3, 3))
+        self.assertEqual(asterism.smooth_track(BOX, []), [])
+        for arguments, reason in (((BOX, results, (0, 3)), "shape"), (((1, 2, -3, 4), results), "width"), (((1, 2, 3), results), "object")):
+            with self.assertRaisesRegex(ValueError, reason):
+                asterism.smooth_track(*arguments)
+        if TRACK:  # the same as asterism-track --smooth
+            with tempfile.TemporaryDirectory() as folder:
+                for i, frame in enumerate(self.frames):
+                    write_png(pathlib.Path(folder) / f"{i:04}.png", frame)
+                command = [TRACK, folder, "--box", ",".join(map(str, BOX)), "--tracker", "dpt", "--smooth", "--out", "-"]
+                csv = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+            expected = [line.split(",")[1:5] for line in csv.splitlines()[2:]]
+            self.assertEqual([[f"{number:.4f}" for number in box] for box in boxes(smoothed)], expected)
+
     def test_goes_on_from_a_saved_state(self):
         tracker = self.started()
         follow(tracker, self.frames[1:5])

@@ -252,6 +252,51 @@ TEST_F(TrackTool, WritesOverlayVideoAndContactSheet) {
   EXPECT_GT(cv::countNonZero(yellow), 8 * 4 * 40);
 }
 
+// All but the boxes is as without --smooth, and the outputs are complete.
+TEST_F(TrackTool, SmoothsTheBoxesWhenAllFramesHaveBeenTracked) {
+  const std::string arguments = make_sequence().string() + " --start 3 --frames 15";
+  ASSERT_EQ(run(arguments + csv()), 0) << err_;
+  const std::vector<std::string> tracked = lines_of(path("boxes.csv"));
+  ASSERT_EQ(run(arguments + " --smooth" + csv() + " --save " + path("overlay.mp4") + " --sheet " +
+                path("sheet.png")),
+            0)
+      << err_;
+  expect_boxes(path("boxes.csv"), 3, 15);
+  EXPECT_NE(err_.find(" in 14 frames"), std::string::npos) << err_;
+  const std::vector<std::string> smoothed = lines_of(path("boxes.csv"));
+  ASSERT_EQ(smoothed.size(), tracked.size());
+  std::vector<double> before, after;  // the x of the boxes
+  for (std::size_t i = 1; i < tracked.size(); ++i) {
+    const std::vector<double> v = numbers_of(tracked[i]), w = numbers_of(smoothed[i]);
+    for (const std::size_t k : {0u, 5u, 6u}) EXPECT_EQ(v[k], w[k]);
+    before.push_back(v[1]);
+    after.push_back(w[1]);
+  }
+  const auto jitter = [](const std::vector<double>& x) {
+    double sum = 0;
+    for (std::size_t t = 2; t < x.size(); ++t) sum += std::abs(x[t - 2] - 2 * x[t - 1] + x[t]);
+    return sum;
+  };
+  EXPECT_EQ(before.front(), after.front());
+  EXPECT_LT(jitter(after), jitter(before));
+  EXPECT_EQ(cv::VideoCapture(path("overlay.mp4")).get(cv::CAP_PROP_FRAME_COUNT), 15);
+  EXPECT_FALSE(cv::imread(path("sheet.png")).empty());
+
+  // Several objects, and a video.
+  ASSERT_EQ(run(make_video().string() + kBox + " --box 200,150,50,40 --smooth" + csv()), 0) << err_;
+  EXPECT_EQ(lines_of(path("boxes.csv")).size(), 2u * kFrames + 1);
+
+  // A stream cannot be read again.
+  const std::string stream = read(path("video.avi")), camera = path("camera.avi");
+  ASSERT_EQ(mkfifo(camera.c_str(), 0600), 0);
+  std::thread writer([&] {
+    signal(SIGPIPE, SIG_IGN);
+    std::ofstream(camera, std::ios::binary).write(stream.data(), std::ssize(stream));
+  });
+  expect_error(camera + kBox + " --smooth", {"--smooth: " + camera + " cannot be read a second time"});
+  writer.join();
+}
+
 TEST_F(TrackTool, ComparesTrackersOnAContactSheet) {
   const std::string sequence = make_sequence().string(), sheet = path("sheet.png");
   ASSERT_EQ(run(sequence + " --sheet " + sheet), 0) << err_;

@@ -6,6 +6,7 @@
 #ifdef ASTERISM_PYTHON_PARTS
 #include <asterism/parts/concept/part_registry.hpp>
 #endif
+#include <asterism/trackers/around/smooth_track.hpp>
 #include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <cmath>
@@ -491,6 +492,28 @@ void bind_trackers(py::module_& m) {
       py::arg("name") = "dpt_plus", py::arg("options") = py::none(),
       "All options of Tracker(name, options) with their values, as the dict that Tracker takes; for\n"
       "`dpt+MODEL` as Tracker(\"dpt\", ..) takes it. ValueError as for Tracker.");
+  m.def(
+      "smooth_track",
+      [](const py::object& box, std::vector<TrackResult> results,
+         const std::optional<std::vector<int>>& shape) {
+        if (shape && (shape->size() < 2 || (*shape)[0] < 1 || (*shape)[1] < 1))
+          throw py::value_error("shape: expected the (height, width) of the images");
+        const cv::Size image = shape ? cv::Size((*shape)[1], (*shape)[0]) : cv::Size();
+        TrackResult first;
+        first.box = region_of(box, image).equal_area_box();
+        results.insert(results.begin(), first);
+        results = smooth_track(results, image);
+        results.erase(results.begin());
+        return results;
+      },
+      py::arg("box"), py::arg("results"), py::arg("shape") = py::none(),
+      "The results of a tracker, one for each frame after that of its init, with boxes and covariances that "
+      "are\n"
+      "smoothed after the fact, from the frames before and after each; the rest is as it was. box: as for "
+      "init,\n"
+      "it is exact. shape: image.shape, if given centres are kept in the image. ValueError for a box that is "
+      "not\n"
+      "finite or has no size. See docs/tracker.md.");
   m.def("part_names", &part_names, "The part models of this build.");
   m.def("part_options", &part_options, py::arg("name"),
         "All options of a part model and their defaults, as a dict. ValueError for an unknown name.");

@@ -43,6 +43,9 @@ class ImageSource {
   /// Skips `count` frames without decoding images; false if there are fewer.
   bool skip(int count);
 
+  /// Whether opening it again gives the same frames: a file or images, not a camera or a stream.
+  bool is_repeatable() const { return !video_.isOpened() || is_file_; }
+
   /// The number, from 1, of the last frame that `next` returned; 0 before the first.
   int position() const { return position_; }
   /// Frames of the whole input, an estimate for some video files; 0 if unknown.

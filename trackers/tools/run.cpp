@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <asterism/trackers/around/interruption.hpp>
+#include <asterism/trackers/around/smooth_track.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
 #include <span>
@@ -231,6 +233,38 @@ struct Score {
   double milliseconds = 0, overlaps = 0;
 };
 
+// A frame that has been tracked.
+struct Step {
+  int frame = 0;
+  std::vector<TrackResult> results;
+  double milliseconds = 0;
+};
+
+// The boxes of the first `objects` results are smoothed over all steps; image: the frames' size.
+void smooth(std::vector<Step>& steps, std::size_t objects, const cv::Size& image) {
+  for (std::size_t i = 0; i < objects; ++i) {
+    std::vector<TrackResult> track;
+    for (const Step& step : steps) track.push_back(step.results[i]);
+    track = smooth_track(track, image);
+    for (std::size_t t = 0; t < steps.size(); ++t) steps[t].results[i] = std::move(track[t]);
+  }
+}
+
+// Reads the input again, and calls add(image, step) for each step until it returns false.
+void read_again(const Options& options, const std::vector<Step>& steps,
+                const std::function<bool(const cv::Mat&, const Step&)>& add) {
+  ImageSource source = ImageSource::open(options.input, options.source);
+  bool more = source.skip(options.start - 1);
+  cv::Mat image;
+  for (const Step& step : steps) {
+    while (more && source.position() < step.frame) more = source.next(image);
+    if (!more)
+      throw std::runtime_error("--smooth: frame " + std::to_string(step.frame) + " of " + options.input +
+                               " is not there when it is read again");
+    if (!add(image, step)) return;
+  }
+}
+
 void print_notes(ImageSource& source) {
   for (const std::string& note : source.take_notes())
     std::fprintf(stderr, "asterism-track: note: %s\n", one_line(note).c_str());
@@ -272,6 +306,9 @@ void run(const Options& options) {
   check(options);
   ImageSource source = ImageSource::open(options.input, options.source);
   check_kept(options, source);
+  if (options.smooth && !source.is_repeatable())
+    throw std::runtime_error("--smooth: " + options.input +
+                             " cannot be read a second time; record it to a file first");
   std::vector<std::optional<Region>> truth;
   if (source.ground_truth()) truth = read_ground_truth(*source.ground_truth());
   std::optional<Window> window;
@@ -316,6 +353,27 @@ void run(const Options& options) {
   Outputs outputs(options, window ? &*window : nullptr, watch, options.save.empty() ? 0 : source.fps());
   print_notes(source);
   Score score;
+  std::vector<Step> steps;  // with --smooth
+  const auto region_of = [&](int frame) -> std::optional<Region> {
+    const auto at = static_cast<size_t>(frame - 1);
+    return at < truth.size() ? truth[at] : std::nullopt;
+  };
+  // Writes the results of a frame. False if the user closes the window.
+  const auto add = [&](const cv::Mat& shown_image, const Step& step) {
+    const std::optional<Region> region = region_of(step.frame);
+    const auto box = region ? std::optional(region->box()) : std::nullopt;
+    if (box && boxes.size() == 1 && step.frame > start) {
+      score.overlaps += overlap(step.results[0].box, *box);
+      ++score.compared;
+    }
+    return outputs.add(shown_image, step.results, box, step.frame, step.milliseconds);
+  };
+  const auto add_or_keep = [&](double milliseconds) {
+    Step step{source.position(), results, milliseconds};
+    if (!options.smooth) return add(image, step);
+    steps.push_back(std::move(step));
+    return true;
+  };
   std::string error;
   try {
     // Milliseconds of a call, which sets the index of the tracker at work, for errors.
@@ -330,14 +388,6 @@ void run(const Options& options) {
       }
       return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
     };
-    const auto true_region = [&]() -> std::optional<Region> {
-      const auto at = static_cast<size_t>(source.position() - 1);
-      return at < truth.size() ? truth[at] : std::nullopt;
-    };
-    const auto true_box = [&]() -> std::optional<cv::Rect2d> {
-      const std::optional<Region> region = true_region();
-      return region ? std::optional(region->box()) : std::nullopt;
-    };
     double milliseconds = timed([&](size_t& i) {
       const Frame frame(image);
       for (; i < boxes.size(); ++i)
@@ -350,7 +400,7 @@ void run(const Options& options) {
         beside.add(static_cast<int>(i), make_tracker(names[i]), frame, results[i].box);
     });
     Progress progress(total);
-    bool go_on = outputs.add(image, results, true_box(), source.position(), milliseconds);
+    bool go_on = add_or_keep(milliseconds);
     while (go_on && g_stop_signal == 0 && (options.frames == 0 || score.updates + 1 < options.frames)) {
       if (!source.next(image)) {
         // A gap says more than an early end.
@@ -373,16 +423,12 @@ void run(const Options& options) {
       if (beside.size() > 0) update(beside);
       score.milliseconds += milliseconds;
       ++score.updates;
-      if (const auto box = true_box(); box && boxes.size() == 1) {
-        score.overlaps += overlap(results[0].box, *box);
-        ++score.compared;
-      }
       if (recorder && watch.last() && !results[0].interrupted) {  // in an interruption nothing is solved
-        const std::optional<Region> region = true_region();
+        const std::optional<Region> region = region_of(source.position());
         recorder->write(source.position(), *watch.last(), results[0].box,
                         region ? std::optional(region->equal_area_box()) : std::nullopt);
       }
-      go_on = outputs.add(image, results, true_box(), source.position(), milliseconds);
+      go_on = add_or_keep(milliseconds);
       progress.report(score.updates + 1);
     }
   } catch (const std::exception& e) {
@@ -390,6 +436,8 @@ void run(const Options& options) {
   }
   // Keep what has been written so far, whatever has happened.
   try {
+    smooth(steps, boxes.size(), image.size());
+    if (options.smooth) read_again(options, steps, add);
     outputs.finish();
   } catch (const std::exception& e) {
     if (error.empty()) error = e.what();

@@ -14,7 +14,7 @@ struct Options {
   std::string config;                // the file that `tracker` was read from, if any
   std::vector<std::string> boxes;    // one per object; none: from the ground truth
   std::vector<std::string> compare;  // other trackers on the sheet
-  bool show = false;
+  bool show = false, smooth = false;
   int start = 1, frames = 0;  // frames: 0 for all
   bool wait = false;          // from `start` on, for the first frame that shows a scene
   FrameOptions source;

@@ -55,6 +55,9 @@ int run_command_line(int argc, char** argv) {
                  "dpt's constellation before and after its optimisation in the last frame (.png)");
   app.add_option("--record-systems", options.systems,
                  "file of the spring systems that dpt solves, with their starts, as JSON lines (.jsonl)");
+  app.add_flag("--smooth", options.smooth,
+               "smooth the boxes over time when all frames have been tracked; the outputs are written then, "
+               "for which the input is read again");
   app.add_flag("--show", options.show,
                "show the overlay; q stops, space pauses; without --box, select the first box with the mouse");
   app.add_option("--start", options.start, "number of the first frame, from 1")->check(count);

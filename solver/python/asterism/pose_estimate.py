@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import dataclasses
+import functools
 
 import numpy as np
 import numpy.typing as npt
@@ -163,10 +164,10 @@ def _is_settled(before: tuple[_Floats, _Floats], points: _Floats, covariance: _F
 
     The scales themselves are not asked: those of a joint that moves little change long after they have stopped to matter.
     """
-    row, column = np.triu_indices(points.shape[2])
-    variance = covariance[..., row == column].sum(-1)
+    _, _, diagonal = _upper(points.shape[2])
+    variance = covariance[..., diagonal].sum(-1)
     moved = ((points - before[0]) ** 2).sum(-1) / variance
-    change = np.log(variance / before[1][..., row == column].sum(-1)) / 2
+    change = np.log(variance / before[1][..., diagonal].sum(-1)) / 2
     return bool(max(moved.mean(), (change**2).mean()) < _SETTLED**2)
 
 
@@ -211,8 +212,7 @@ def _posterior(
     """Points and their covariance, given the weights, and the covariance's share in the square of each change of velocity."""
     weak = (100 * scales.extent) ** -2  # the prior of a point, which holds where nothing else does
     information, right = _asterism._pose_evidence(points, recording.sights, recording.cameras, weight, scales.offset, along_ray)
-    row, column = np.triu_indices(recording.dim)
-    information[..., row == column] += weak
+    information[..., _upper(recording.dim)[2]] += weak
     right += weak * centre
     return _asterism._difference_chains(information, right, recording.difference, stiffness)[:3]
 
@@ -281,7 +281,7 @@ def _disagreement(recording: _Recording, points: _Floats, probability: _Floats) 
 
 def _systematic(recording: _Recording, points: _Floats, disagreement: float) -> _Floats:
     """Covariance of the points (T, J, entries) if each view is off by the disagreement in all frames."""
-    row, column = np.triu_indices(recording.dim)
+    row, column, _ = _upper(recording.dim)
     if disagreement == 0:
         return np.zeros((*points.shape[:2], len(row)))
     is_used = np.repeat(recording.is_seen.any(1, keepdims=True), len(recording.times), 1).astype(float)
@@ -292,7 +292,8 @@ def _systematic(recording: _Recording, points: _Floats, disagreement: float) -> 
     scale = np.trace(matrices, axis1=-2, axis2=-1) / recording.dim
     is_flat = ~(np.linalg.det(matrices) > 1e-12 * scale**recording.dim)  # one view: what is across its ray
     found = np.empty_like(matrices)
-    found[is_flat] = np.linalg.pinv(matrices[is_flat], rcond=1e-9, hermitian=True)
+    if is_flat.any():
+        found[is_flat] = np.linalg.pinv(matrices[is_flat], rcond=1e-9, hermitian=True)
     found[~is_flat] = np.linalg.inv(matrices[~is_flat])
     return disagreement**2 * found[..., row, column]
 
@@ -305,8 +306,8 @@ def _lasting(recording: _Recording, found: _Estimate) -> _Floats:
     (views, frames, joints), dim = recording.is_seen.shape, recording.dim
     none = np.zeros((views, joints, 2))
     information, _ = _asterism._pose_evidence(found.points, recording.sights, recording.cameras, found.weight, none, False)
-    row, column = np.triu_indices(dim)
-    information[..., row == column] += (100 * found.scales.extent) ** -2
+    row, column, diagonal = _upper(dim)
+    information[..., diagonal] += (100 * found.scales.extent) ** -2
     rows, _ = _asterism._pose_residuals(found.points, recording.sights, recording.cameras)
     covariance = np.zeros((frames, joints, len(row)))
     for view in range(views):
@@ -374,10 +375,17 @@ def _pooled(parts: list[tuple[npt.NDArray[np.bool_], _Estimate]], views: int, jo
     )
 
 
+@functools.cache
+def _upper(dim: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
+    """Of the entries of a symmetric matrix's upper triangle: rows, columns, and which are on the diagonal."""
+    row, column = np.triu_indices(dim)
+    return row, column, row == column
+
+
 def _matrices(entries: _Floats) -> _Floats:
     """(..., D, D) of upper triangles (..., entries)."""
     dim = 2 if entries.shape[-1] == 3 else 3
-    row, column = np.triu_indices(dim)
+    row, column, _ = _upper(dim)
     found = np.empty((*entries.shape[:-1], dim, dim))
     found[..., row, column] = found[..., column, row] = entries
     return found

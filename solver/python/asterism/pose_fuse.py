@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from . import inputs
 from .cameras import Camera
-from .pose_estimate import _PART, _Estimate, _estimate, _estimate_by_parts, _Floats, _lasting, _matrices, _Recording, _systematic
+from .pose_estimate import _PART, _Estimate, _estimate, _estimate_by_parts, _Floats, _lasting, _matrices, _Recording, _systematic, _upper
 from .pose_swaps import exchange_back
 
 
@@ -239,7 +239,7 @@ def _with_limbs(
     are known. If it were held at where the other one is with them, each would take the other's doubt for its own evidence, and the limbs would seem
     rigid. Nor do the limbs of other frames count, as what they are off by is alike. What lasts moves both ends: its covariance is left.
     """
-    row, column = np.triu_indices(free.points.shape[2])
+    row, column, _ = _upper(free.points.shape[2])
     points = free.points
     for _ in range(_SPRING_STEPS):  # the directions of the limbs
         found, held = free.points.copy(), _matrices(free.covariance)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from . import _asterism, inputs
 from .cameras import Camera
-from .pose_estimate import _calmness, _Floats, _matrices, _Recording, _Scales, _systematic, _trust
+from .pose_estimate import _calmness, _Floats, _matrices, _Recording, _Scales, _systematic, _trust, _upper
 from .pose_fuse import FusedPose, _calibration
 
 
@@ -192,8 +192,7 @@ class Stream:
         information, right = _asterism._pose_evidence(
             self._points, recording.sights, recording.cameras, self._used, self._scales.offset, is_far
         )
-        row, column = np.triu_indices(self._dim)
-        information[..., row == column] += weak
+        information[..., _upper(self._dim)[2]] += weak
         right += weak * self._centre
         self._evidence = information, right.copy(), stiffness, recording.difference
         if len(right) > 1:
@@ -219,7 +218,8 @@ class Stream:
         matrix[:, : 2 * dim, : 2 * dim], vector[:, : 2 * dim] = self._past, self._past_right
         matrix[:, :dim, :dim] += _matrices(information[0])
         vector[:, :dim] += right[0]
-        matrix += stiffness[0, :, None, None] * np.kron(np.outer(difference[0], difference[0]), np.eye(dim))
+        squares = np.outer(difference[0], difference[0])[:, None, :, None] * np.eye(dim)[:, None, :]
+        matrix += stiffness[0, :, None, None] * squares.reshape(3 * dim, 3 * dim)
         share = np.linalg.solve(matrix[:, :dim, :dim], matrix[:, :dim, dim:]).transpose(0, 2, 1)
         past = matrix[:, dim:, dim:] - share @ matrix[:, :dim, dim:]
         size, axes = np.linalg.eigh((past + past.transpose(0, 2, 1)) / 2)  # rounding makes what is not known negative
