@@ -12,7 +12,7 @@ from asterism import _asterism
 
 # Members of every class.
 COMMON = {name for name in dir(object)} | {"__module__", "__dict__", "__weakref__"}
-OPTIONAL = {"PartState", "TrackResult", "tracker_names", "tracker_options", "smooth_track", "part_names", "part_options", "Tracker", "MultiTracker", "_parse_systems", "_system_to_json"}
+OPTIONAL = {"PartState", "TrackResult", "tracker_names", "tracker_options", "smooth_track", "part_names", "part_options", "suggested_range", "Tracker", "MultiTracker", "_parse_systems", "_system_to_json"}
 
 
 def public(names):

@@ -197,8 +197,8 @@ class Climb {
       return false;
     }
     if (!minimise(lifted, x, options_.tolerance)) return false;
-    if (system_.nodes() <= kMostFine && !is_lowest(x) && !minimise(lifted, x, kFine * options_.tolerance))
-      return false;
+    const bool can_prove = prover_ && system_.nodes() <= kMostFine;
+    if (can_prove && !is_lowest(x) && !minimise(lifted, x, kFine * options_.tolerance)) return false;
     relaxed_ = energy(lifted, x);
     best_.lower_bound = std::max(best_.lower_bound, bound_near(lifted, x, system_.dim()));
     points.swap(x);  // Eigen 3.4 frees a matrix twice if memory runs out where it changes its size
