@@ -833,7 +833,7 @@ class InputTest(unittest.TestCase):
             ("kind", "anchors", AttributeError, "links have no 'kind' that can be assigned"),
             ("loss", "hubr", ValueError, "did you mean 'huber'"),
             ("loss", 3, TypeError, "loss: expected a name, found int"),
-            ("law", "own", ValueError, "law: expected the function"),
+            ("law", "own", ValueError, "law: expected your function itself"),
         ]:
             with self.subTest(name, value=value), self.assertRaisesRegex(error, message):
                 setattr(links, name, value)
