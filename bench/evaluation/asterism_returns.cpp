@@ -67,8 +67,7 @@ int main(int argc, char** argv) {
       "Writes the overlap of trackers' boxes with the object, and the milliseconds of the processor for each "
       "frame, in videos "
       "that are made of annotated sequences: the object leaves and comes back, or the start or the images "
-      "are "
-      "slightly different. returns.py and perturbations.py make tables of it.",
+      "are slightly different. returns.py and perturbations.py make tables of it.",
       "asterism-returns");
   app.add_option("DATASET", dataset, "a sequence, or a folder of sequences")->required();
   app.add_option("--tracker", trackers,

@@ -89,6 +89,15 @@ def read_folds(path):
     return folds
 
 
+def sequences_of(path, of=None):
+    """The sequences of a file of folds, or only those of the folds of `of`, such as "3,4"."""
+    folds = read_folds(path)
+    chosen = of.split(",") if of else list(folds)
+    if unknown := set(chosen) - set(folds):
+        raise BadInput(f"{path} has no fold {', '.join(sorted(unknown))}")
+    return [name for fold in chosen for name in folds[fold]]
+
+
 def declare(candidates, out):
     """Adds the candidates to tried.json before they are run; returns all that were ever declared."""
     path = out / "tried.json"

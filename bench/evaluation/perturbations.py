@@ -17,47 +17,25 @@ each kind. Needs NumPy.
 """
 
 import argparse
-import csv
 import math
 import sys
 from collections import defaultdict
 
 import numpy as np
 
-from cross_validation import BadInput, read_folds
+from cross_validation import BadInput, sequences_of
+from returns import read_rows
 
 KINDS = ("pass", "left", "right", "up", "down", "jpeg-95", "jpeg-85")
 COLUMNS = {"tracker", "kind", "sequence", "overlap"}
 
 
-def chosen(path, of):
-    """The sequences of these folds; None, all, without a file."""
-    if path is None:
-        return None
-    folds = read_folds(path)
-    numbers = of.split(",") if of else folds
-    if unknown := set(numbers) - set(folds):
-        raise BadInput(f"{path} has no fold {', '.join(sorted(unknown))}")
-    return {name for number in numbers for name in folds[number]}
-
-
 def read(paths, only):
-    """{tracker: {sequence: {kind: AO}}} of the frames that count."""
+    """{tracker: {sequence: {kind: AO}}} of the frames that count; only: the sequences that do, None for all."""
     frames = defaultdict(lambda: defaultdict(lambda: defaultdict(list)))
-    for path in paths:
-        with open(path, newline="", encoding="utf-8") as file:
-            rows = csv.DictReader(file)
-            if missing := COLUMNS - set(rows.fieldnames or ()):
-                raise BadInput(f"{path}: the columns {', '.join(sorted(missing))} are missing")
-            for number, row in enumerate(rows, 2):
-                if row["kind"] in KINDS and row["overlap"] and (only is None or row["sequence"] in only):
-                    try:
-                        overlap = float(row["overlap"])
-                    except ValueError:
-                        overlap = math.nan
-                    if not 0 <= overlap <= 1:
-                        raise BadInput(f"{path}:{number}: the overlap {row['overlap']} is not in [0, 1]")
-                    frames[row["tracker"]][row["sequence"]][row["kind"]].append(overlap)
+    for row in read_rows(paths, COLUMNS):
+        if row["kind"] in KINDS and not math.isnan(row["overlap"]) and (only is None or row["sequence"] in only):
+            frames[row["tracker"]][row["sequence"]][row["kind"]].append(row["overlap"])
     return {
         tracker: {sequence: {kind: float(np.mean(values)) for kind, values in kinds.items()} for sequence, kinds in sequences.items()}
         for tracker, sequences in frames.items()
@@ -107,7 +85,7 @@ def main():
     options = parser.parse_args()
     if options.of and not options.folds:
         raise BadInput("--of needs --folds")
-    found = read(options.returns, chosen(options.folds, options.of))
+    found = read(options.returns, set(sequences_of(options.folds, options.of)) if options.folds else None)
     if not found:
         raise BadInput("the files have no frame of these kinds and sequences")
     print("\n".join(tables(found, options.worst)))

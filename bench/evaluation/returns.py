@@ -12,29 +12,42 @@ while the object is there and while it is absent. Needs NumPy.
 
 import argparse
 import csv
+import math
 import sys
 from collections import defaultdict
 
 import numpy as np
 
-from cross_validation import BadInput, read_folds
+from cross_validation import BadInput, sequences_of
 
 COLUMNS = {"tracker", "kind", "sequence", "state", "overlap", "milliseconds"}
 MADE = "all made"
 
 
-def read(paths, sequences):
-    """{(kind, tracker): {sequence: {state: [(overlap or NaN, milliseconds)]}}}"""
-    found = defaultdict(lambda: defaultdict(lambda: defaultdict(list)))
+def read_rows(paths, columns):
+    """The rows of files of asterism-returns, which have at least these columns; `overlap` is a number, NaN where the frame does not count."""
     for path in paths:
         with open(path, newline="", encoding="utf-8") as file:
             rows = csv.DictReader(file)
-            if missing := COLUMNS - set(rows.fieldnames or ()):
+            if missing := columns - set(rows.fieldnames or ()):
                 raise BadInput(f"{path}: the columns {', '.join(sorted(missing))} are missing")
-            for row in rows:
-                if row["sequence"] in sequences:
-                    value = (float(row["overlap"] or "nan"), float(row["milliseconds"]))
-                    found[row["kind"], row["tracker"]][row["sequence"]][row["state"]].append(value)
+            for number, row in enumerate(rows, 2):
+                text = row["overlap"]
+                try:
+                    row["overlap"] = float(text) if text else math.nan
+                except ValueError:
+                    row["overlap"] = math.nan
+                if text and not 0 <= row["overlap"] <= 1:
+                    raise BadInput(f"{path}:{number}: the overlap {text} is not in [0, 1]")
+                yield row
+
+
+def read(paths, sequences):
+    """{(kind, tracker): {sequence: {state: [(overlap or NaN, milliseconds)]}}}"""
+    found = defaultdict(lambda: defaultdict(lambda: defaultdict(list)))
+    for row in read_rows(paths, COLUMNS):
+        if row["sequence"] in sequences:
+            found[row["kind"], row["tracker"]][row["sequence"]][row["state"]].append((row["overlap"], float(row["milliseconds"])))
     return found
 
 
@@ -99,10 +112,7 @@ def main():
     parser.add_argument("--of", default="3,4", help="the folds that count")
     parser.add_argument("--baseline", default="dpt_plus")
     options = parser.parse_args()
-    folds = read_folds(options.folds)
-    if unknown := set(options.of.split(",")) - set(folds):
-        raise BadInput(f"{options.folds} has no fold {', '.join(sorted(unknown))}")
-    found = read(options.returns, {name for fold in options.of.split(",") for name in folds[fold]})
+    found = read(options.returns, set(sequences_of(options.folds, options.of)))
     if not found:
         raise BadInput("no sequence of these folds is in the files")
     print("\n".join(table(found, options.baseline)))

@@ -20,7 +20,7 @@ import tempfile
 
 import numpy as np
 
-from cross_validation import BadInput, read_folds
+from cross_validation import BadInput, sequences_of
 
 
 def start_offsets(starts):
@@ -87,11 +87,7 @@ def main():
     parser.add_argument("--trackers", default="dpt,dpt_plus")
     parser.add_argument("--starts", type=int, default=3)
     options = parser.parse_args()
-    folds = read_folds(options.folds)
-    chosen = options.of.split(",") if options.of else list(folds)
-    if unknown := set(chosen) - set(folds):
-        raise BadInput(f"{options.folds} has no fold {', '.join(sorted(unknown))}")
-    sequences = [sequence for fold in chosen for sequence in folds[fold]]
+    sequences = sequences_of(options.folds, options.of)
     print("| tracker | annotation | tracker's jitter | smoothed | ratio |\n|---|---|---|---|---|")
     for name in options.trackers.split(","):
         rows = []

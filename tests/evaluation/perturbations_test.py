@@ -1,39 +1,22 @@
 #!/usr/bin/env python3
 """perturbations.py, which measures how much results change by chance: perturbations_test.py SCRIPT. Ends with 77 without NumPy."""
 
-import pathlib
 import statistics
-import subprocess
-import sys
-import tempfile
 import unittest
 
-SCRIPT = pathlib.Path(sys.argv[1])
-del sys.argv[1:]
-try:
-    import numpy  # noqa: F401
-except ImportError:
-    print("needs NumPy")
-    sys.exit(77)
-
-HEAD = "tracker,kind,sequence,frame,state,overlap,milliseconds\n"
+from script_case import RETURNS_HEAD, ScriptCase
 
 
 def rows(tracker, kind, sequence, overlaps):
     return "".join(f"{tracker},{kind},{sequence},{t},before,{o},1\n" for t, o in enumerate(overlaps, 1))
 
 
-class PerturbationsTest(unittest.TestCase):
-    def setUp(self):
-        scratch = tempfile.TemporaryDirectory()
-        self.addCleanup(scratch.cleanup)
-        self.root = pathlib.Path(scratch.name)
-
+class PerturbationsTest(ScriptCase):
     def run_on(self, *texts, options=()):
         paths = [self.root / f"{i}.csv" for i in range(len(texts))]
         for path, text in zip(paths, texts):
-            path.write_text(HEAD + text)
-        return subprocess.run([sys.executable, SCRIPT, *paths, *options], capture_output=True, text=True)
+            path.write_text(RETURNS_HEAD + text)
+        return self.run_script(*paths, *options)
 
     @staticmethod
     def cells(line):
@@ -88,7 +71,7 @@ class PerturbationsTest(unittest.TestCase):
             self.assertIn(error, result.stderr)
             self.assertNotIn("Traceback", result.stderr)
         (self.root / "columns.csv").write_text("tracker,kind\n")
-        result = subprocess.run([sys.executable, SCRIPT, self.root / "columns.csv"], capture_output=True, text=True)
+        result = self.run_script(self.root / "columns.csv")
         self.assertEqual(result.returncode, 1)
         self.assertIn("the columns overlap, sequence are missing", result.stderr)
 

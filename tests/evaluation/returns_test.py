@@ -1,34 +1,19 @@
 #!/usr/bin/env python3
 """returns.py, which makes tables of what asterism-returns wrote: returns_test.py SCRIPT. Ends with 77 without NumPy."""
 
-import pathlib
-import subprocess
-import sys
-import tempfile
 import unittest
 
-SCRIPT = pathlib.Path(sys.argv[1])
-del sys.argv[1:]
-try:
-    import numpy  # noqa: F401
-except ImportError:
-    print("needs NumPy")
-    sys.exit(77)
-
-HEAD = "tracker,kind,sequence,frame,state,overlap,milliseconds\n"
+from script_case import RETURNS_HEAD, ScriptCase
 
 
-class ReturnsTest(unittest.TestCase):
+class ReturnsTest(ScriptCase):
     def setUp(self):
-        scratch = tempfile.TemporaryDirectory()
-        self.addCleanup(scratch.cleanup)
-        self.root = pathlib.Path(scratch.name)
+        super().setUp()
         (self.root / "folds").write_text("# fold sequence\n0\tother\n1\ta\n1\tb\n")
 
     def run_on(self, text, *options):
         (self.root / "returns.csv").write_text(text)
-        command = [sys.executable, SCRIPT, self.root / "returns.csv", "--folds", self.root / "folds", *options]
-        return subprocess.run(command, capture_output=True, text=True)
+        return self.run_script(self.root / "returns.csv", "--folds", self.root / "folds", *options)
 
     @staticmethod
     def rows(tracker, kind, sequence, before, absent, after):
@@ -37,7 +22,7 @@ class ReturnsTest(unittest.TestCase):
         return "".join(f"{tracker},{kind},{sequence},{t},{state},{o},{m}\n" for t, (state, o, m) in enumerate(lines, 1))
 
     def test_tables_by_hand(self):
-        text = HEAD + self.rows("plain", "cut", "a", [0.8], [10], [0, 0.2]) + self.rows("plain", "cut", "b", [0.6], [10], [0.4, 0])
+        text = RETURNS_HEAD + self.rows("plain", "cut", "a", [0.8], [10], [0, 0.2]) + self.rows("plain", "cut", "b", [0.6], [10], [0.4, 0])
         text += self.rows("found", "cut", "a", [0.8], [20], [0.6, 1]) + self.rows("found", "cut", "b", [0.6], [40], [0.4, "", 0.8])
         text += self.rows("found", "cut", "other", [0.1], [99], [0.1])
         result = self.run_on(text, "--of", "1", "--baseline", "plain")
@@ -50,15 +35,15 @@ class ReturnsTest(unittest.TestCase):
         self.assertEqual(lines[3][9], "30.0")
 
     def test_a_pass_has_no_return(self):
-        text = HEAD + self.rows("plain", "pass", "a", [0.8, 0.4], [], []) + self.rows("plain", "pass", "b", [0.2, 0.2], [], [])
+        text = RETURNS_HEAD + self.rows("plain", "pass", "a", [0.8, 0.4], [], []) + self.rows("plain", "pass", "b", [0.2, 0.2], [], [])
         line = self.run_on(text, "--of", "1").stdout.splitlines()[2]
         self.assertIn("| pass | plain | 2 | 0.250 | 0.400 |", line)
 
     def test_bad_input(self):
         for text, options, error in (
             ("tracker,kind\n", ["--of", "1"], "the columns"),
-            (HEAD, ["--of", "1"], "no sequence of these folds"),
-            (HEAD, ["--of", "7"], "has no fold 7"),
+            (RETURNS_HEAD, ["--of", "1"], "no sequence of these folds"),
+            (RETURNS_HEAD, ["--of", "7"], "has no fold 7"),
         ):
             result = self.run_on(text, *options)
             self.assertEqual(result.returncode, 1)

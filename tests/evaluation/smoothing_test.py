@@ -1,19 +1,9 @@
 #!/usr/bin/env python3
 """smoothing.py, which runs asterism-track with and without --smooth: smoothing_test.py SCRIPT. Ends with 77 without NumPy."""
 
-import pathlib
-import subprocess
-import sys
-import tempfile
 import unittest
 
-SCRIPT = pathlib.Path(sys.argv[1])
-del sys.argv[1:]
-try:
-    import numpy  # noqa: F401
-except ImportError:
-    print("needs NumPy")
-    sys.exit(77)
+from script_case import ScriptCase
 
 # Follows an object of 20 x 20 px that moves by 1 px a frame, and shakes by 1 px up and down without --smooth. Notes its first boxes.
 PROGRAM = """#!/usr/bin/env python3
@@ -30,11 +20,9 @@ pathlib.Path(arguments["--out"]).write_text("\\n".join(["frame,x,y,width,height,
 """
 
 
-class SmoothingTest(unittest.TestCase):
+class SmoothingTest(ScriptCase):
     def setUp(self):
-        scratch = tempfile.TemporaryDirectory()
-        self.addCleanup(scratch.cleanup)
-        self.root = pathlib.Path(scratch.name)
+        super().setUp()
         (self.root / "program").write_text(PROGRAM)
         (self.root / "program").chmod(0o755)
         (self.root / "folds").write_text("0\tbox\n0\tpolygon\n1\tbroken\n")
@@ -44,12 +32,11 @@ class SmoothingTest(unittest.TestCase):
             (self.root / "data" / name).mkdir(parents=True)
             (self.root / "data" / name / "groundtruth.txt").write_text(truth)
 
-    def run_script(self, *options):
-        command = [sys.executable, SCRIPT, self.root / "program", self.root / "data", self.root / "out", "--folds", self.root / "folds", *options]
-        return subprocess.run(command, capture_output=True, text=True)
+    def run_on(self, *options):
+        return self.run_script(self.root / "program", self.root / "data", self.root / "out", "--folds", self.root / "folds", *options)
 
     def test_jitter_and_results(self):
-        done = self.run_script("--of", "0", "--trackers", "dpt", "--starts", "2")
+        done = self.run_on("--of", "0", "--trackers", "dpt", "--starts", "2")
         self.assertEqual(done.returncode, 0, done.stderr)
         # |0 - 2 + 0| / 20 in every frame, and nothing in the annotation.
         self.assertEqual(done.stdout.splitlines()[2:], ["| `dpt` | 0.0000 | 0.1000 | 0.0000 | 0.00 (0.00 to 0.00) |"])
@@ -63,12 +50,12 @@ class SmoothingTest(unittest.TestCase):
         self.assertEqual(starts[2], [x, y, 20, 20])
         self.assertEqual(starts[6], [x, y, x + 20, y, x + 20, y + 20, x, y + 20])
         # Runs that are there are kept.
-        self.assertEqual(self.run_script("--of", "0", "--trackers", "dpt", "--starts", "2").stdout, done.stdout)
+        self.assertEqual(self.run_on("--of", "0", "--trackers", "dpt", "--starts", "2").stdout, done.stdout)
         self.assertEqual(len((self.root / "boxes").read_text().split()), 8)
 
     def test_errors(self):
         for options, reason in ((["--of", "1"], "asterism-track: no frames"), (["--of", "7"], "has no fold 7")):
-            done = self.run_script(*options)
+            done = self.run_on(*options)
             self.assertEqual(done.returncode, 1)
             self.assertIn(reason, done.stderr)
             self.assertEqual(len(done.stderr.splitlines()), 1)

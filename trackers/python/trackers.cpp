@@ -507,13 +507,10 @@ void bind_trackers(py::module_& m) {
         return results;
       },
       py::arg("box"), py::arg("results"), py::arg("shape") = py::none(),
-      "The results of a tracker, one for each frame after that of its init, with boxes and covariances that "
-      "are\n"
-      "smoothed after the fact, from the frames before and after each; the rest is as it was. box: as for "
-      "init,\n"
-      "it is exact. shape: image.shape, if given centres are kept in the image. ValueError for a box that is "
-      "not\n"
-      "finite or has no size. See docs/tracker.md.");
+      "The results of a tracker, one for each frame after that of its init, with boxes and covariances that\n"
+      "are smoothed after the fact, from the frames before and after each; the rest is as it was.\n\n"
+      "box: as for init; it is exact. shape: image.shape; if it is given, centres are kept in the image.\n"
+      "ValueError for a box that is not finite or has no size. See docs/tracker.md.");
   m.def("part_names", &part_names, "The part models of this build.");
   m.def("part_options", &part_options, py::arg("name"),
         "All options of a part model and their defaults, as a dict. ValueError for an unknown name.");

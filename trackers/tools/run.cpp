@@ -436,8 +436,10 @@ void run(const Options& options) {
   }
   // Keep what has been written so far, whatever has happened.
   try {
-    smooth(steps, boxes.size(), image.size());
-    if (options.smooth) read_again(options, steps, add);
+    if (options.smooth) {
+      smooth(steps, boxes.size(), image.size());
+      read_again(options, steps, add);
+    }
     outputs.finish();
   } catch (const std::exception& e) {
     if (error.empty()) error = e.what();

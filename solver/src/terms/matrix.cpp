@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -420,23 +421,18 @@ void SystemFactor::solve_dense(Eigen::MatrixXd& right) const {
   }
 }
 
-Eigen::MatrixXd SystemFactor::solve_all(const Eigen::MatrixXd& right) const {
+Eigen::MatrixXd SystemFactor::solve_all(Eigen::MatrixXd right) const {
   if (!is_dense_ && other_) return other_->solve(right);
   if (!is_dense_) return cholesky_.solve(right);
-  Eigen::MatrixXd solution = right;
-  solve_dense(solution);
-  return solution;
+  solve_dense(right);
+  return right;
 }
 
 Eigen::MatrixXd SystemFactor::solve(const Eigen::MatrixXd& points) const {
   if (is_shared_) return solve_all(points.transpose()).transpose();
   Eigen::MatrixXd right = Eigen::VectorXd::Zero(rows_);
   right.reshaped().head(points.size()) = points.reshaped();
-  if (is_dense_) {
-    solve_dense(right);
-  } else {
-    right = solve_all(right);
-  }
+  right = solve_all(std::move(right));
   return right.reshaped().head(points.size()).reshaped(points.rows(), points.cols());
 }
 

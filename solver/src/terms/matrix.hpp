@@ -109,7 +109,7 @@ class SystemFactor {
   /// The points' part of the solution for a right-hand side that is `points`, and 0 for hidden unknowns.
   Eigen::MatrixXd solve(const Eigen::MatrixXd& points) const;
   /// The same for a vector or several over all unknowns.
-  Eigen::MatrixXd solve_all(const Eigen::MatrixXd& right) const;
+  Eigen::MatrixXd solve_all(Eigen::MatrixXd right) const;
   /// A direction of negative curvature of the matrix that was factored last, over all unknowns, from a
   /// negative pivot; a vector without entries where there is none.
   Eigen::VectorXd negative_direction(const SystemMatrix& matrix) const;

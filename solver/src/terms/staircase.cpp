@@ -196,9 +196,10 @@ class Climb {
           std::max(best_.lower_bound, bound_near(system_, x.topRows(system_.dim()), system_.dim()));
       return false;
     }
-    if (!minimise(lifted, x, options_.tolerance)) return false;
+    const bool is_first = points.rows() == system_.dim();
+    if (!minimise(lifted, x, options_.tolerance, is_first)) return false;
     const bool can_prove = prover_ && system_.nodes() <= kMostFine;
-    if (can_prove && !is_lowest(x) && !minimise(lifted, x, kFine * options_.tolerance)) return false;
+    if (can_prove && !is_lowest(x) && !minimise(lifted, x, kFine * options_.tolerance, false)) return false;
     relaxed_ = energy(lifted, x);
     best_.lower_bound = std::max(best_.lower_bound, bound_near(lifted, x, system_.dim()));
     points.swap(x);  // Eigen 3.4 frees a matrix twice if memory runs out where it changes its size
@@ -216,9 +217,9 @@ class Climb {
     return !(LastCoordinate(more, flat).negative_direction(direction) < 0);
   }
 
-  // Moves x to a minimum in more dimensions. False where the caller asks to stop.
-  bool minimise(const System& lifted, Eigen::MatrixXd& x, double tolerance) {
-    const bool is_far = lifted.dim() == system_.dim() + 1 && tolerance == options_.tolerance;
+  // Moves x to a minimum in more dimensions, which may be far or is near. False where the caller asks to
+  // stop.
+  bool minimise(const System& lifted, Eigen::MatrixXd& x, double tolerance, bool is_far) {
     AlignedOptions options = options_;
     options.align = false;
     options.gap = 0;

@@ -12,6 +12,8 @@
 #include <tuple>
 #include <utility>
 
+#include "../tracker/median.hpp"
+
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
@@ -25,12 +27,7 @@ constexpr double kLeastShare = 1e-9;
 
 double log_size(const cv::Rect2d& box) { return (std::log(box.width) + std::log(box.height)) / 2; }
 
-double median_of(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::ranges::nth_element(values, middle);
-  return *middle;
-}
+double median_or_0(std::vector<double> values) { return values.empty() ? 0 : detail::median(values); }
 
 /// Points over the frames after the first, where the path is at 0, and their energy for a = 1.
 template <int Dim>
@@ -49,9 +46,12 @@ class Chain {
     for (const Block& variance : variances)
       if (variance.trace() > 0) sizes.push_back(variance.trace() / Dim);
     evidence_ = sizes.size();
-    const double unit = median_of(std::move(sizes));
+    const double unit = median_or_0(std::move(sizes));
     for (const Block& variance : variances)
       information_.push_back(variance.trace() > 0 ? Block((variance / unit).inverse()) : Block::Zero());
+    for (const Block& block : information_)
+      for (int r = 0; r < Dim; ++r)
+        for (int c = r; c < Dim; ++c) entries_.push_back(block(r, c));
     for (std::size_t t = 0; t + 2 < points_.size(); ++t)
       coefficients_.insert(coefficients_.end(), {1, -2, 1});
   }
@@ -89,16 +89,12 @@ class Chain {
   }
 
   bool factorize(double ratio, DifferenceChains<Dim>& factors) const {
-    std::vector<double> information;
-    for (const Block& block : information_)
-      for (int r = 0; r < Dim; ++r)
-        for (int c = r; c < Dim; ++c) information.push_back(block(r, c));
     const std::vector<double> weight(coefficients_.size() / 3, 1 / ratio);
     // The first difference, -2 x_1 + x_2, as x_0 is 0.
     Eigen::Matrix<double, 2 * Dim, 2 * Dim> prior;
     prior << 4 * Block::Identity(), -2 * Block::Identity(), -2 * Block::Identity(), Block::Identity();
     prior /= ratio;
-    return factors.factorize(points_.size(), 1, information.data(), coefficients_.data(), weight.data(),
+    return factors.factorize(points_.size(), 1, entries_.data(), coefficients_.data(), weight.data(),
                              prior.data());
   }
 
@@ -149,6 +145,7 @@ class Chain {
 
   std::vector<Point> points_;
   std::vector<Block> information_;  // times the median variance
+  std::vector<double> entries_;     // of their upper triangles, as DifferenceChains takes them
   std::vector<double> coefficients_;
   std::size_t evidence_ = 0;  // the number of points that have some
 };
@@ -181,7 +178,7 @@ std::vector<Eigen::Matrix<double, Dim, Dim>> variances(std::span<const TrackResu
   for (const TrackResult& result : track)
     if (!result.interrupted && result.covariance && given(result).trace() > 0)
       sizes.push_back(given(result).trace() / Dim);
-  const double typical = median_of(std::move(sizes));
+  const double typical = median_or_0(std::move(sizes));
   std::vector<Block> all;
   for (const TrackResult& result : track) {
     Block& block = all.emplace_back(Block::Zero());

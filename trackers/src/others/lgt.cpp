@@ -11,6 +11,7 @@
 #include <span>
 #include <utility>
 
+#include "../tracker/median.hpp"
 #include "../tracker/stage_clock.hpp"
 
 namespace asterism {
@@ -83,12 +84,6 @@ bool informs(const Segmentation& cue, const Frame& frame) {
       lowest = std::min(lowest, probability), highest = std::max(highest, probability);
     }
   return highest - lowest > kSameProbability * highest;
-}
-
-double median(std::vector<double>& values) {
-  const auto middle = values.begin() + std::ssize(values) / 2;
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 }  // namespace
@@ -376,7 +371,8 @@ void Lgt::reweight(const Frame& frame) {
     const double similarity = seen ? parts_[i].model.similarity_at(position) : 0;
     const double success =
         std::exp(kSimilarityDecay * (similarity - 1)) /
-        (1 + std::exp(std::min(500.0, kDistanceDecay * (median(distances) / unit() - kMostDistance))));
+        (1 +
+         std::exp(std::min(500.0, kDistanceDecay * (detail::median(distances) / unit() - kMostDistance))));
     parts_[i].weight += options_.weight_rate * (success - parts_[i].weight);
   }
 }

@@ -29,7 +29,7 @@ inline namespace ASTERISM_ABI {
 ///   are equal.
 /// - The box of an interrupted frame is no evidence: it follows from its neighbours. After the last frame
 /// with
-///   evidence the box stays where it is.
+///   evidence, the box stays where it is.
 /// - image: the size of the frames [px], in which centres are kept as those of the tracker; empty: not.
 ///
 /// The results are returned as they are if fewer than two frames after the first have evidence. Time is
