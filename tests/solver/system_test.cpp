@@ -812,6 +812,36 @@ TEST(SystemSolution, FreeMotionsHaveNoCovariance) {
   EXPECT_EQ(certify(system, x).proof, Proof::GlobalMinimum) << "one of many, as its energy is 0";
 }
 
+// A shape that is free to turn about one place, as far as a loose tolerance leaves it there; and one that
+// anchors hold, however weakly.
+TEST(SystemSolution, IsNoneOfAShapeThatIsFreeToTurn) {
+  for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+    Rng rng(seed);
+    const int dim = seed % 2 == 0 ? 2 : 3;
+    const MatrixXd shape = random_points(rng, dim, 5, 20);
+    const auto stretched = [&](const MatrixXd& places, double stiffness) {
+      System system(5, dim);
+      system.add_anchors(places, System::all(stiffness));
+      system.add_links(all_pairs(5), 1.1 * lengths_at(shape, all_pairs(5)), random_values(rng, 10, 0.5, 2));
+      return system;
+    };
+    for (const std::string_view method : {"ida", "lbfgs", "newton"}) {
+      AlignedOptions options;
+      options.tolerance = 1e-7;
+      options.max_iterations = 20000;
+      const System free = stretched(MatrixXd::Zero(dim, 5), 0.1);
+      MatrixXd x = shape;
+      ASSERT_EQ(solve(method, free, x, options).status, Status::Converged) << method << ", seed " << seed;
+      EXPECT_FALSE(Solution(free, x)) << method << ", seed " << seed;
+      const System held = stretched(shape, 1e-3);
+      x = shape;
+      ASSERT_EQ(solve(method, held, x, options).status, Status::Converged) << method << ", seed " << seed;
+      const Solution solution(held, x);
+      EXPECT_TRUE(solution) << solution.problem() << ", " << method << ", seed " << seed;
+    }
+  }
+}
+
 // No certified placement lies above what many starts find; a chain of offsets and anchors is always
 // certified.
 TEST(SystemSolution, CertifiedMinimaAreGlobal) {

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <utility>
 
+#include "definite.hpp"
 #include "lbfgs.hpp"
 #include "loss.hpp"
 #include "matrix.hpp"
@@ -130,7 +131,9 @@ class NewtonSolve {
       }
       if (is_over) {
         run_.summary().positive_definite = is_definite;
-        if (is_definite && !is_surely_definite()) run_.summary().positive_definite.reset();
+        if (is_definite &&
+            !is_surely_definite(run_.system(), run_.x(), run_.gradient(), run_.rule(), matrix_, factor_))
+          run_.summary().positive_definite.reset();
         const bool goes_on =
             is_definite ? is_large_ && descend_further() : escapes++ < kMaxEscapes && escape();
         if (!goes_on) return run_.end();
@@ -188,54 +191,6 @@ class NewtonSolve {
       has_weak_anchors_ = 10 * shares.anchors < shares.others;
     }
     return *has_weak_anchors_;
-  }
-
-  // Whether the matrix that was factored is definite beyond what rounding, and the forces that are left, make
-  // of a free motion: by its least eigenvalue, from inverse iterations. The energy stays the same along a
-  // turn of rate w with velocities v = W x, so that v^T H v = -g . W v, which is at most w sum_i |g_i| |v_i|.
-  bool is_surely_definite() const {
-    constexpr double kRounding = 1e3 * std::numeric_limits<double>::epsilon();
-    const System& system = run_.system();
-    Eigen::VectorXd v(matrix_.rows());
-    for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = std::sin(static_cast<double>(i * i + 1));
-    for (int i = 0; i < system.nodes(); ++i) {
-      if (system.is_fixed(i)) v.segment(Eigen::Index{i} * system.dim(), system.dim()).setZero();
-    }
-    double least = 0;
-    for (int iteration = 0; iteration < 2; ++iteration) {
-      v.normalize();
-      const Eigen::VectorXd next = factor_.solve_all(v);
-      least = 1 / v.dot(next);
-      v = next;
-    }
-    v.normalize();
-    // Where a spring is much shorter than at rest, the energy bends by more than its stiffness.
-    double largest = run_.rule().node_stiffness().maxCoeff();
-    for (int i = 0; i < v.size(); ++i) largest = std::max(largest, std::abs(matrix_.diagonal(i)));
-    const Eigen::Map<const Eigen::MatrixXd> velocity(v.data(), system.dim(), system.nodes());
-    const double forces = run_.gradient().colwise().norm().dot(velocity.colwise().norm());
-    // Parts that turn at other rates add what the nodes' velocities may not show.
-    const double of_parts =
-        run_.rule().stationarity(run_.gradient()) * run_.rule().node_stiffness().maxCoeff();
-    return least > std::max({kRounding * largest, of_parts, 2 * turning_rate(velocity) * forces});
-  }
-
-  // The largest rate at which an element turns, or grows, where the nodes have these velocities.
-  double turning_rate(const Eigen::Ref<const Eigen::MatrixXd>& velocity) const {
-    const System& system = run_.system();
-    double rate = 0;
-    for (int t = 0; t < system.term_count(); ++t) {
-      const auto& nodes = system.term(t).nodes();
-      for (Eigen::Index e = 0; e < nodes.cols(); ++e) {
-        for (Eigen::Index a = 0; a + 1 < nodes.rows(); ++a) {
-          const int i = nodes(a, e), j = nodes(a + 1, e);
-          const double speed = (velocity.col(i) - velocity.col(j)).norm();
-          const double distance = (run_.x().col(i) - run_.x().col(j)).norm();
-          if (distance > 0) rate = std::max(rate, speed / distance);
-        }
-      }
-    }
-    return rate;
   }
 
   // From a saddle down; false where there is no way that rounding does not hide.

@@ -7,6 +7,7 @@
 #include <limits>
 #include <stdexcept>
 
+#include "definite.hpp"
 #include "matrix.hpp"
 #include "prover.hpp"
 #include "stopping_rule.hpp"
@@ -16,6 +17,16 @@ inline namespace ASTERISM_ABI {
 
 struct Solution::Factored {
   Factored(const System& s, const Eigen::MatrixXd& at) : system(s), x(at) {}
+
+  // Whether x is a stationary point, and the Hessian may owe it to a solver's tolerance that it is definite.
+  bool is_free() const {
+    constexpr double kStationary = 1e-6;  // as SensitivityOptions
+    detail::SystemRule rule;
+    Eigen::MatrixXd gradient;
+    energy_and_gradient(system, x, gradient);
+    return rule.set(system, x, kStationary) && rule.reached(gradient) &&
+           !detail::is_surely_definite(system, x, gradient, rule, matrix, factor);
+  }
 
   System system;
   Eigen::MatrixXd x;
@@ -41,6 +52,10 @@ Solution::Solution(const System& system, const Eigen::MatrixXd& x) {
       problem_ = "the Hessian leaves the range of a double";
     } else if (!factored_->factor.factorize(factored_->matrix)) {
       problem_ = "the Hessian is not positive definite to the digits of a double";
+    } else if (factored_->is_free()) {
+      problem_ =
+          "the Hessian is not positive definite beyond what the forces that are left at x make of a free "
+          "motion";
     }
   };
   detail::attempt<std::bad_alloc>(

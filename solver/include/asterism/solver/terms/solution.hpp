@@ -29,7 +29,8 @@ class ASTERISM_API Solution {
   /// Whether the Hessian is positive definite to the digits of a double, so that there are answers.
   explicit operator bool() const { return problem_.empty(); }
   /// Why there are none: bad input, a term without second derivatives, or a Hessian that is not positive
-  /// definite, such as where a part is free to turn.
+  /// definite, such as where a part is free to turn. At a stationary point, rounding and what a solver's
+  /// tolerance leaves of the forces do not count.
   std::string_view problem() const { return problem_; }
 
   /// The covariance by Laplace's approximation, H^-1, of one node, dim x dim; 0 for a fixed node. Throws
