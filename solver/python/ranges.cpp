@@ -29,8 +29,9 @@ py::array_t<double> array_of(const std::vector<double>& values, const Shape& sha
   return array;
 }
 
-/// For each tag the status's message, whether its minima are proven, their number; and of all minima, tag
-/// after tag, positions, covariances, energies and weights.
+/// For each tag the status's message, whether its minima are proven, up to which energy above the least one
+/// they are listed, their number; and of all minima, tag after tag, positions, covariances, energies and
+/// weights.
 template <int Dim>
 py::tuple locate_all(const RangeBatch& batch, const LocateOptions& options, int threads) {
   const auto tags = static_cast<std::size_t>(batch.tags);
@@ -39,11 +40,13 @@ py::tuple locate_all(const RangeBatch& batch, const LocateOptions& options, int 
   std::vector<Message> messages(tags);
   std::vector<Status> statuses(tags);
   std::vector<char> proven(tags);
+  std::vector<double> within(tags);
   const auto take = [&](int tag, const PositionFix<Dim>& fix) {
     const auto t = static_cast<std::size_t>(tag);
     statuses[t] = fix.status;
     messages[t] = fix.message;
     proven[t] = fix.proven;
+    within[t] = fix.within;
     if (fix.count > 0) first[t] = fix.minima[0];
     others[t].assign(fix.minima.begin() + std::min(fix.count, 1), fix.minima.begin() + fix.count);
   };
@@ -85,7 +88,7 @@ py::tuple locate_all(const RangeBatch& batch, const LocateOptions& options, int 
     texts.append(text);
   }
   const auto all = static_cast<py::ssize_t>(energy.size());
-  return py::make_tuple(texts, is_proven, counts, array_of(x, {all, Dim}),
+  return py::make_tuple(texts, is_proven, array_of(within, {batch.tags}), counts, array_of(x, {all, Dim}),
                         array_of(covariance, {all, Dim, Dim}), array_of(energy, {all}),
                         array_of(weight, {all}));
 }

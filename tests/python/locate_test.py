@@ -125,7 +125,7 @@ class LocateTest(unittest.TestCase):
 
     def test_the_repr_is_one_short_line(self):
         one = repr(asterism.locate([[0, 0], [4, 0], [0, 3]], [2.5, 2.5, 2.5], 0.1))
-        self.assertRegex(one, r"^<asterism\.PositionFix: x \[2\. , 1\.5\], covariance \(2, 2\), energy \S+, proven True, outliers \[False, False, False\]>$")
+        self.assertRegex(one, r"^<asterism\.PositionFix: x \[2\. , 1\.5\], covariance \(2, 2\), energy \S+, proven True, within 5, outliers \[False, False, False\]>$")
         many = asterism.locate(SQUARE, np.full((50, 4), 6.4), 0.1)
         for value in (many, many.minima[0][0]):
             self.assertEqual(len(repr(value).splitlines()), 1)

@@ -184,9 +184,10 @@ void check_against_a_grid(const Case& c, int problems) {
     const PositionFix<Dim> fix = problem.solve();
     ASSERT_EQ(fix.status, Status::Converged) << text(fix);
     EXPECT_TRUE(fix.proven) << text(fix);
+    EXPECT_TRUE(c.kind != kFlat || c.cutoff != kNone || fix.cells == 0) << "a search, where none is needed";
     // Fewer than Dim inliers do not make a minimum.
     const double most =
-        std::min(fix.minima[0].energy + 5,
+        std::min(fix.minima[0].energy + fix.within,
                  (static_cast<double>(problem.count()) - Dim + 0.9) * 0.5 * c.cutoff * c.cutoff);
     double weights = 0;
     for (int i = 0; i < fix.count; ++i) {
@@ -223,7 +224,28 @@ INSTANTIATE_TEST_SUITE_P(Kinds, Locate,
                          ::testing::Values(Case{kScattered, 0.1}, Case{kScattered, 1}, Case{kFlat, 0.05},
                                            Case{kFlat, 0.5}, Case{kAlmostFlat, 0.1}, Case{kAlmostFlat, 0.5},
                                            Case{kUnrelated, 0.5}, Case{kScattered, 0.2, 3},
-                                           Case{kFlat, 0.2, 3}));
+                                           Case{kFlat, 0.2, 3}, Case{kUnrelated, 0.5, 3}));
+
+// Ranges that have nothing to do with each other: each two meet somewhere, and no place fits better.
+TEST(Locate, ListsTheLowestMinimaWhereThereAreTooMany) {
+  Rng rng(3);
+  int cut = 0;
+  for (int n = 0; n < 100; ++n) {
+    auto problem = random_problem<2>(rng, kUnrelated, 0.1, 12);
+    problem.cutoff = 3;
+    const PositionFix<2> fix = problem.solve();
+    ASSERT_EQ(fix.status, Status::Converged) << text(fix);
+    EXPECT_TRUE(fix.proven) << text(fix);
+    EXPECT_GE(fix.within, 0);
+    if (fix.within == 5) continue;
+    ++cut;
+    EXPECT_EQ(fix.count, fix.kMost);
+    EXPECT_LT(fix.within, 5);
+    EXPECT_NE(text(fix).find("more than 32 places fit"), std::string::npos) << text(fix);
+    EXPECT_NEAR(problem.solve(fix.within / 2).minima[0].energy, fix.minima[0].energy, 1e-9);
+  }
+  EXPECT_GE(cut, 5);
+}
 
 TEST(Locate, FindsTheBestOfAllSetsOfInliers) {
   Rng rng(5);
@@ -392,7 +414,7 @@ TEST(Locate, SaysWhatIsWrong) {
 
 TEST(Locate, IsNotProvenWhereTheSearchIsCutShort) {
   Rng rng(2);
-  auto problem = random_problem<3>(rng, kFlat, 1, 6);
+  auto problem = random_problem<3>(rng, kAlmostFlat, 1, 6);
   LocateOptions options;
   options.max_cells = 3;
   const PositionFix<3> fix = locate<3>(problem.beacons, problem.ranges, problem.sigma, options);

@@ -418,7 +418,7 @@ class SpringBatch:
 
 def _locate(
     beacons: _Floats, ranges: _Floats, sigma: _Floats, within: float, cutoff: float, max_cells: int, threads: int
-) -> tuple[list[str], npt.NDArray[np.bool_], _Ints, _Floats, _Floats, _Floats, _Floats]: ...
+) -> tuple[list[str], npt.NDArray[np.bool_], _Floats, _Ints, _Floats, _Floats, _Floats, _Floats]: ...
 def _locate_path(
     steps: _Floats, beacons: _Floats, pose: _Floats, beacon: npt.NDArray[np.int32], range: _Floats, sigma: _Floats, cutoff: float,
     turn_sigma: float, step_sigma: float, shortest: float, start: Sequence[float], start_sigma: Sequence[float], lower_bound: bool, max_iterations: int

@@ -40,8 +40,10 @@ class PositionFix:
     covariance: _Floats
     #: The energy there.
     energy: Any
-    #: Whether it is proven that x is the global minimum and that `minima` is complete.
+    #: Whether it is proven that x is the global minimum and that `minima` is complete, up to `within` above its energy.
     proven: Any
+    #: That of the call, or less where that would be more than 32 minima.
+    within: Any
     #: (M,): which ranges have a residual of the cutoff or more at x.
     outliers: npt.NDArray[np.bool_]
     #: What the geometry cannot tell, or why nothing is proven; "" if there is nothing to say. Of a batch a list.
@@ -74,7 +76,7 @@ def locate(
     """The most probable position of a tag from its ranges to M known beacons, proven to be the global minimum.
 
     It minimises 1/2 sum ((|x - beacon| - range) / sigma)^2 in the plane or in space by closed forms and branch and bound, and lists
-    all other minima up to `within` above the least energy: see docs/locate.md. All minima hold to 1e-6 in energy.
+    all other minima up to `within` above the least energy, at most 32: see docs/locate.md. All minima hold to 1e-6 in energy.
 
     beacons: (M, dim), dim 2 or 3 [m]. ranges: (M,), >= 0 [m]; NaN, or masked, where a beacon was not heard. sigma: their standard
     deviation, a number or (M,), > 0 [m]. For a batch ranges are (tags, M), sigma may be (tags, M) and beacons (tags, M, dim), and all
@@ -105,15 +107,15 @@ def locate(
     if deviations.ndim < 2:
         deviations = np.ascontiguousarray(np.broadcast_to(deviations, (count,)))
     limit = np.inf if cutoff is None else cutoff
-    texts, proven, counts, *values = _asterism._locate(places, all_ranges, deviations, within, limit, max_cells, threads)
+    texts, proven, listed, counts, *values = _asterism._locate(places, all_ranges, deviations, within, limit, max_cells, threads)
     firsts = np.cumsum(counts) - counts
     x, covariance, energy = (value[firsts] for value in values[:3])
     with np.errstate(invalid="ignore"):
         outliers = np.abs(np.linalg.norm(x[:, None] - places, axis=-1) - all_ranges) >= limit * deviations
     everything = (counts, *values)
     if is_batch:
-        return PositionFix(x, covariance, energy, proven, outliers, texts, everything, True)
-    return PositionFix(x[0], covariance[0], float(energy[0]), bool(proven[0]), outliers[0], texts[0], everything, False)
+        return PositionFix(x, covariance, energy, proven, listed, outliers, texts, everything, True)
+    return PositionFix(x[0], covariance[0], float(energy[0]), bool(proven[0]), float(listed[0]), outliers[0], texts[0], everything, False)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

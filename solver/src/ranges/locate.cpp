@@ -155,31 +155,59 @@ class Heard {
       if (minors.trace() <= 1e-12 * size * size)
         return "the beacons lie on one line: every position on a circle around it fits equally";
     }
-    // Powers of the inverse bring out the direction of least extent.
-    const Symmetric<Dim> adjugate = scatter.shifted(1e-10 * size).adjugate();
-    Vector<Dim> least;
-    for (int k = 0; k < Dim; ++k) least[k] = 1 + 0.37 * k;
-    for (int round = 0; round < 3; ++round) {
-      least = adjugate.times(least);
-      const double length = norm(least);
-      for (double& a : least.at) a /= length;
+    Vector<Dim> least = normal_of_farthest();
+    double height = 0;
+    for (int i = 0; i < count_; ++i) height = std::max(height, std::abs(dot(least, beacon(i))));
+    is_flat_ = height <= 1e-10 * extent + 10 * rounding;
+    if (!is_flat_) {
+      // Powers of the inverse bring out the direction of least extent.
+      const Symmetric<Dim> adjugate = scatter.shifted(1e-10 * size).adjugate();
+      for (int k = 0; k < Dim; ++k) least[k] = 1 + 0.37 * k;
+      for (int round = 0; round < 3; ++round) least = normalised(adjugate.times(least));
     }
     normal_ = least;
     normal_[Dim - 1] += least[Dim - 1] >= 0 ? 1 : -1;
     factor_ = 2 / dot(normal_, normal_);
-    double height = 0;
     for (int i = 0; i < count_; ++i) {
-      Vector<Dim> b;
-      for (int k = 0; k < Dim; ++k) b[k] = beacons_[Dim * i + k];
-      b = mirrored(b);
+      const Vector<Dim> b = mirrored(beacon(i));
       for (int k = 0; k < Dim; ++k) beacons_[Dim * i + k] = b[k];
-      height = std::max(height, std::abs(b[Dim - 1]));
-    }
-    is_flat_ = height <= 1e-10 * extent + 10 * rounding;
-    if (is_flat_) {
-      for (int i = 0; i < count_; ++i) beacons_[Dim * i + Dim - 1] = 0;
+      if (is_flat_) beacons_[Dim * i + Dim - 1] = 0;
     }
     return {};
+  }
+
+  Vector<Dim> beacon(int i) const {
+    Vector<Dim> b;
+    for (int k = 0; k < Dim; ++k) b[k] = beacons_[Dim * i + k];
+    return b;
+  }
+
+  static Vector<Dim> normalised(Vector<Dim> v) {
+    const double length = norm(v);
+    for (double& a : v.at) a /= length;
+    return v;
+  }
+
+  /// That of the line through the centroid and the farthest beacon, or, in space, of the plane through these
+  /// and the beacon that is farthest from the line.
+  Vector<Dim> normal_of_farthest() const {
+    const auto farthest = [this](auto&& across) {
+      Vector<Dim> best = across(beacon(0));
+      for (int i = 1; i < count_; ++i) {
+        const Vector<Dim> v = across(beacon(i));
+        if (dot(v, v) > dot(best, best)) best = v;
+      }
+      return best;
+    };
+    const Vector<Dim> to = farthest([](const Vector<Dim>& b) { return b; });
+    if constexpr (Dim == 2) {
+      return normalised({{-to[1], to[0]}});
+    } else {
+      return normalised(farthest([&to](const Vector<Dim>& b) {
+        return Vector<Dim>{
+            {to[1] * b[2] - to[2] * b[1], to[2] * b[0] - to[0] * b[2], to[0] * b[1] - to[1] * b[0]}};
+      }));
+    }
   }
 
   double stack_[kWithoutHeap * (Dim + 2)];
@@ -205,7 +233,8 @@ PositionFix<Dim> locate(std::span<const double> beacons, std::span<const double>
   }
   fix.message = heard.read(beacons, given, sigma);
   if (!fix.message.empty()) return fix;
-  ranges::PositionSearch<Dim> search(heard.ranges(), options.within, options.cutoff, options.max_cells);
+  ranges::PositionSearch<Dim> search(heard.ranges(), heard.is_flat(), options.within, options.cutoff,
+                                     options.max_cells);
   search.run();
   fix.count = search.finish();
   fix.cells = static_cast<int>(search.cells());
@@ -217,6 +246,7 @@ PositionFix<Dim> locate(std::span<const double> beacons, std::span<const double>
   }
   fix.status = Status::Converged;
   fix.proven = search.is_complete();
+  fix.within = search.within();
   double total = 0;
   for (int i = 0; i < fix.count; ++i) {
     const ranges::Minimum<Dim>& minimum = search.minimum(i);
@@ -234,7 +264,9 @@ PositionFix<Dim> locate(std::span<const double> beacons, std::span<const double>
     weight = total > 0 ? weight / total : i == 0 ? 1 : 0;
   }
   if (!fix.proven)
-    fix.message = "not proven: the search ended at max_cells, or there are more minima than it lists";
+    fix.message = "not proven: the search ended at max_cells";
+  else if (fix.within < options.within)
+    fix.message.append("more than ").append(fix.kMost).append(" places fit: the lowest are listed");
   else if (heard.is_flat() && fix.count > 1)
     fix.message =
         Dim == 2

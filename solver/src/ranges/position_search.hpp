@@ -19,6 +19,8 @@
 // 2. On a ball of radius h < d around c the Hessian of -w r |x - b| changes by at most v 2/sqrt(3) q / (1 -
 // q),
 //    q = h / d, since |D^2 u| <= 2/sqrt(3) / d^2. judge() bounds energy, gradient and curvature by it.
+//    If mu >= 0, no point is lower. Where all beacons are in one plane (line), every minimum has that, see
+//    settle_flat().
 // 3. All stationary points are in the ball around the centroid (weights w) of radius sum w r / sum w, as
 //    0 = sum w (x - b - r u).
 namespace asterism::ranges {
@@ -47,8 +49,13 @@ class PositionSearch {
  public:
   static constexpr int kMost = 32;
 
-  PositionSearch(const Ranges& ranges, double within, double cutoff, long max_cells)
-      : given_(ranges), within_(within), outlier_(0.5 * cutoff * cutoff), max_cells_(max_cells) {
+  /// `is_flat`: the last coordinate of all beacons is 0.
+  PositionSearch(const Ranges& ranges, bool is_flat, double within, double cutoff, long max_cells)
+      : given_(ranges),
+        is_flat_(is_flat),
+        within_(within),
+        outlier_(0.5 * cutoff * cutoff),
+        max_cells_(max_cells) {
     for (int i = 0; i < given_.count; ++i) {
       total_ += given_.weight[i];
       reach_ += given_.weight[i] * given_.range[i];
@@ -64,7 +71,9 @@ class PositionSearch {
 
   /// Finds the minima.
   void run() {
-    start();
+    const Vector<D> guess = from_squares();
+    if (is_flat_ && !is_robust() && settle_flat(guess)) return;
+    add_from(guess);
     if (is_robust()) {
       start_from_sets();
       return branch_and_bound(constant<D>(0), constant<D>(reach_));
@@ -76,17 +85,19 @@ class PositionSearch {
     branch_and_bound(constant<D>(0), constant<D>(reach_));
   }
 
-  /// Sorted by energy, those within the threshold.
+  /// Sorted by energy, those that are asked for.
   int finish() {
     int kept = 0;
     for (int i = 0; i < count_; ++i)
-      if (minima_[i].energy <= threshold()) minima_[kept++] = minima_[i];
+      if (minima_[i].energy <= highest()) minima_[kept++] = minima_[i];
     count_ = kept;
     std::sort(minima_, minima_ + count_, [](const auto& a, const auto& b) { return a.energy < b.energy; });
     return count_;
   }
   const Minimum<D>& minimum(int i) const { return minima_[i]; }
-  bool is_complete() const { return is_complete_ && left_out_ > threshold(); }
+  bool is_complete() const { return is_complete_; }
+  /// Up to this much above the least energy all minima are kept.
+  double within() const { return left_out_ > highest() ? within_ : threshold() - best_; }
   long cells() const { return cells_; }
   double total() const { return total_; }  ///< of the weights
 
@@ -119,8 +130,13 @@ class PositionSearch {
     bool exclude_minimum(const Vector<D>& half) const;
   };
 
-  bool is_robust() const { return outlier_ < std::numeric_limits<double>::infinity(); }
-  double threshold() const { return std::min(best_ + within_, ceiling_); }
+  static constexpr double kNone = std::numeric_limits<double>::infinity();
+
+  bool is_robust() const { return outlier_ < kNone; }
+  /// The highest energy of a minimum that is asked for, and of one that is searched for: lower where some
+  /// were left out.
+  double highest() const { return std::min(best_ + within_, ceiling_); }
+  double threshold() const { return std::min(highest(), std::max(best_, left_out_ - kBarrier)); }
   Vector<D> beacon(int i) const {
     Vector<D> b;
     for (int k = 0; k < D; ++k) b[k] = given_.beacons[D * i + k];
@@ -167,7 +183,18 @@ class PositionSearch {
 
   double descend(Vector<D>& x, Symmetric<D>& hessian) const;
   bool has_barrier(const Vector<D>& x, double e, const Minimum<D>& other) const;
-  int add(const Vector<D>& x, double e, const Symmetric<D>& hessian);
+  int keep(const Vector<D>& x, double e, const Symmetric<D>& hessian);
+  /// The same, and beside flat beacons its mirror image.
+  int add(const Vector<D>& x, double e, const Symmetric<D>& hessian) {
+    const int at = keep(x, e, hessian);
+    if (!is_flat_ || at < 0 || x[D - 1] == 0) return at;
+    Vector<D> image = x;
+    Symmetric<D> turned = hessian;
+    image[D - 1] = -image[D - 1];
+    for (int k = 0; k + 1 < D; ++k) turned(D - 1, k) = -turned(D - 1, k);
+    keep(image, e, turned);
+    return at;
+  }
   int add_from(Vector<D> x) {
     Symmetric<D> hessian;
     const double e = descend(x, hessian);
@@ -175,7 +202,8 @@ class PositionSearch {
   }
   bool is_convex_around(const Vector<D>& x, double radius) const;
   double convex_radius(const Vector<D>& x) const;
-  void start();
+  Vector<D> from_squares() const;
+  bool settle_flat(Vector<D> x);
   void start_from_sets();
   bool look_around_best();
   double shells(const Minimum<D>& about, bool collect);
@@ -187,14 +215,15 @@ class PositionSearch {
   void branch_and_bound(const Vector<D>& centre, const Vector<D>& half);
 
   Ranges given_;
+  bool is_flat_;
   double within_, outlier_;
   long max_cells_;
   double total_ = 0, reach_ = 0, extent_ = 0;
-  double ceiling_ = std::numeric_limits<double>::infinity(), best_ = ceiling_;
+  double ceiling_ = kNone, best_ = kNone;
   Minimum<D> minima_[kMost];
   int count_ = 0;
   long cells_ = 0;
-  double left_out_ = ceiling_;  ///< the lowest energy of a minimum for which there was no room
+  double left_out_ = kNone;  ///< the lowest energy of a minimum for which there was no room
   bool is_complete_ = true;
   Shell shells_[kShells];
   int shell_count_ = 0;
@@ -275,7 +304,7 @@ bool PositionSearch<D>::has_barrier(const Vector<D>& x, double e, const Minimum<
 
 /// Keeps a minimum below the threshold. Returns its index, also if it was there before, or -1.
 template <int D>
-int PositionSearch<D>::add(const Vector<D>& x, double e, const Symmetric<D>& hessian) {
+int PositionSearch<D>::keep(const Vector<D>& x, double e, const Symmetric<D>& hessian) {
   if (!(e <= threshold())) return -1;
   for (int i = 0; i < count_; ++i) {
     Minimum<D>& known = minima_[i];
@@ -290,9 +319,9 @@ int PositionSearch<D>::add(const Vector<D>& x, double e, const Symmetric<D>& hes
   best_ = std::min(best_, e);
   if (count_ == kMost) finish();
   if (count_ == kMost) {
-    const double highest = minima_[kMost - 1].energy;
-    left_out_ = std::min(left_out_, std::max(e, highest));
-    if (e >= highest) return -1;
+    const double last = minima_[kMost - 1].energy;
+    left_out_ = std::min(left_out_, std::max(e, last));
+    if (e >= last) return -1;
     --count_;
   }
   minima_[count_] = {x, e, hessian, is_robust() ? convex_radius(x) : 0};
@@ -328,11 +357,11 @@ double PositionSearch<D>::convex_radius(const Vector<D>& x) const {
   return 0;
 }
 
-/// A first minimum: from the linear equations of the squared ranges, |x|^2 - 2 b.x = r^2 - |b|^2, whose mean
+/// A first place: from the linear equations of the squared ranges, |x|^2 - 2 b.x = r^2 - |b|^2, whose mean
 /// gives |x|^2. The last axis is that along which the beacons extend least; there |x|^2 may tell more than
 /// they do.
 template <int D>
-void PositionSearch<D>::start() {
+Vector<D> PositionSearch<D>::from_squares() const {
   Symmetric<D> scatter = Symmetric<D>::zero();
   Vector<D> right = constant<D>(0);
   double square = 0;
@@ -356,7 +385,65 @@ void PositionSearch<D>::start() {
       best = x;
     }
   }
-  add_from(best);
+  return best;
+}
+
+/// The minimum beside beacons that all have a last coordinate of 0, and its mirror image. E depends on the
+/// other coordinates y and on the square h of the last one, and dE/dh = mu / 2 increases with h: at a minimum
+/// mu is 0, or h is 0 and mu >= 0. By the identity, no point is lower, and only the mirror image is as low.
+/// Newton's method on y and h >= 0 finds it, where x itself is a bad unknown: E hardly depends on the last
+/// coordinate near 0. False, with nothing kept, if rounding leaves more than the minima are to be told to.
+template <int D>
+bool PositionSearch<D>::settle_flat(Vector<D> x) {
+  double h = x[D - 1] * x[D - 1];
+  Vector<D> slope;  // by y and h
+  double e = 0, mu = 0;
+  int last_steps = 0;
+  for (int iteration = 0; iteration < 100; ++iteration) {
+    slope = constant<D>(0);
+    Symmetric<D> hessian = Symmetric<D>::zero();
+    e = mu = 0;
+    for (int i = 0; i < given_.count; ++i) {
+      Vector<D> p = from_beacon(x, i);
+      const double d = length(p), w = given_.weight[i], v = w * given_.range[i] / d;
+      e += 0.5 * w * (d - given_.range[i]) * (d - given_.range[i]);
+      mu += w - v;
+      p[D - 1] = 0.5;
+      for (int k = 0; k + 1 < D; ++k) slope[k] += (w - v) * p[k];
+      hessian.add(v / (d * d), p);
+    }
+    slope[D - 1] = 0.5 * mu;
+    for (int k = 0; k + 1 < D; ++k) hessian(k, k) += std::max(mu, 0.0) + 1e-13 * total_;
+    hessian(D - 1, D - 1) += 1e-13 * total_;
+    if (h == 0 && mu >= 0) {  // on the border
+      slope[D - 1] = 0;
+      for (int k = 0; k + 1 < D; ++k) hessian(D - 1, k) = 0;
+    }
+    const Vector<D> step = hessian.inverse().times(slope);
+    // The last steps lower the energy by less than its rounding.
+    const double decrease = dot(step, slope);
+    const bool is_last = decrease < 1e-10 * (1 + e);
+    if (!(decrease > 0) || (is_last && ++last_steps > 4)) break;
+    bool is_lower = false;
+    for (double share = 1; share > 1e-6 && !is_lower; share *= 0.5) {
+      Vector<D> y = x;
+      for (int k = 0; k + 1 < D; ++k) y[k] -= share * step[k];
+      const double square = std::max(0.0, h - share * step[D - 1]);
+      y[D - 1] = std::sqrt(square);
+      is_lower = is_last || energy(y) < e;
+      if (!is_lower) continue;
+      x = y;
+      h = square;
+    }
+    if (!is_lower) break;
+  }
+  Vector<D> gradient;
+  Symmetric<D> hessian;
+  e = evaluate(x, gradient, hessian);
+  const double reach = reach_ + norm(x);
+  if (!(norm(gradient) * reach + 0.5 * std::max(0.0, -mu) * reach * reach < 0.5 * kBarrier)) return false;
+  add(x, e, hessian);
+  return true;
 }
 
 /// The lowest of the places where D of the first ranges meet, or almost do.
@@ -695,6 +782,8 @@ bool PositionSearch<D>::Bounds::exclude_minimum(const Vector<D>& half) const {
 template <int D>
 bool PositionSearch<D>::judge(Cell& cell) {
   ++cells_;
+  // With a cutoff, the first cell is as large to either side of flat beacons, where the energy is the same.
+  if (is_flat_ && is_robust() && cell.centre[D - 1] + cell.half[D - 1] <= 0) return true;
   if (is_covered(cell.centre, cell.half) || is_excluded(cell)) return true;
   const Vector<D>& c = cell.centre;
   const double h = norm(cell.half);

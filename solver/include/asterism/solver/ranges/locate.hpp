@@ -41,10 +41,11 @@ struct PositionFix {
   /// What is wrong, or what the geometry cannot tell, or why nothing is proven; may be empty.
   Message message;
   /// Whether it is proven, up to 1e-6 in energy and to rounding, that the first minimum is the global one and
-  /// that all minima up to LocateOptions::within above it are listed. Places between which the energy rises
-  /// by less than 1e-6 count as one minimum.
+  /// that all minima up to `within` above it are listed. Places between which the energy rises by less than
+  /// 1e-6 count as one minimum.
   bool proven = false;
-  int count = 0;                                   ///< of minima, at least 1 if Converged
+  double within = 0;  ///< LocateOptions::within, or less where that would be more than kMost minima
+  int count = 0;      ///< of minima, at least 1 if Converged
   std::array<PositionMinimum<Dim>, kMost> minima;  ///< the lowest first
   int cells = 0;                                   ///< of the search; 0 where a closed form proved it all
 };
