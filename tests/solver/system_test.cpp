@@ -825,10 +825,9 @@ TEST(SystemSolution, IsNoneOfAShapeThatIsFreeToTurn) {
       system.add_links(all_pairs(5), 1.1 * lengths_at(shape, all_pairs(5)), random_values(rng, 10, 0.5, 2));
       return system;
     };
-    for (const std::string_view method : {"ida", "lbfgs", "newton"}) {
+    for (const std::string_view method : {"lbfgs", "newton", "newton-cg"}) {
       AlignedOptions options;
       options.tolerance = 1e-7;
-      options.max_iterations = 20000;
       const System free = stretched(MatrixXd::Zero(dim, 5), 0.1);
       MatrixXd x = shape;
       ASSERT_EQ(solve(method, free, x, options).status, Status::Converged) << method << ", seed " << seed;
