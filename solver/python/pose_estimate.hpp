@@ -94,8 +94,7 @@ struct Part {
 
 inline Middle Part::middle() const {
   Middle result{{0, 0, 0}, Numbers(static_cast<std::size_t>(of.views), 1.0)};
-  Eigen::Matrix3d across = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d right = Eigen::Vector3d::Zero();
+  double across[3][3] = {}, right[3] = {};
   Numbers places[2];  // of the views
   for (Index v = 0; v < of.views; ++v) {
     Numbers coordinates[2], pixels;
@@ -115,30 +114,39 @@ inline Middle Part::middle() const {
       continue;
     }
     if (!is_empty) result.magnification[static_cast<std::size_t>(v)] = std::sqrt(median(std::move(pixels)));
-    const Eigen::Map<const Eigen::Matrix3d> to_world(of.cameras + v * 12);  // R^T, as R is by rows
-    const Eigen::Map<const Eigen::Vector3d> translation(of.cameras + v * 12 + 9);
-    const Eigen::Vector3d ray = to_world * Eigen::Vector3d(image[0], image[1], 1);
-    const Eigen::Matrix3d plane = Eigen::Matrix3d::Identity() - ray * ray.transpose() / ray.squaredNorm();
-    across += plane;
-    right -= plane * (to_world * translation);
+    const double *camera = of.cameras + v * 12, *t = camera + 9;
+    double ray[3], eye[3], square = 0, along = 0;  // in the world: R^T (x, y, 1) from -R^T t
+    for (int c = 0; c < 3; ++c) {
+      ray[c] = camera[c] * image[0] + camera[3 + c] * image[1] + camera[6 + c];
+      eye[c] = -(camera[c] * t[0] + camera[3 + c] * t[1] + camera[6 + c] * t[2]);
+      square += ray[c] * ray[c];
+      along += ray[c] * eye[c];
+    }
+    for (int r = 0; r < 3; ++r) {
+      right[r] += eye[r] - ray[r] * along / square;
+      for (int c = 0; c < 3; ++c) across[r][c] += (r == c ? 1 : 0) - ray[r] * ray[c] / square;
+    }
   }
   if (of.dim == 2) {
     for (int r = 0; r < 2; ++r) result.point[r] = median(std::move(places[r]));
     return result;
   }
   // The point that is nearest to the middle rays of all views.
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(across);
-  const Eigen::Vector3d size = solver.eigenvalues();
-  if (!(size(2) <= 1e12 * size(0)))
+  double axes[3][3];
+  diagonalize(across, axes);
+  const auto [smallest, greatest] = std::minmax({across[0][0], across[1][1], across[2][2]});
+  if (!(greatest <= 1e12 * smallest))
     throw std::invalid_argument("cameras: they look along one line, so that depth is unknown");
-  const Eigen::Matrix3d axes = solver.eigenvectors();
-  const Eigen::Vector3d point = axes * (axes.transpose() * right).cwiseQuotient(size);
-  std::copy_n(point.data(), 3, result.point);
+  for (int k = 0; k < 3; ++k) {
+    const double along = axes[0][k] * right[0] + axes[1][k] * right[1] + axes[2][k] * right[2];
+    for (int r = 0; r < 3; ++r) result.point[r] += axes[r][k] * along / across[k][k];
+  }
+  const double* point = result.point;
   double least = std::numeric_limits<double>::infinity();
   Index behind = 0;
   for (Index v = 0; v < of.views; ++v) {
     const double* camera = of.cameras + v * 12;
-    const double depth = camera[6] * point(0) + camera[7] * point(1) + camera[8] * point(2) + camera[11];
+    const double depth = camera[6] * point[0] + camera[7] * point[1] + camera[8] * point[2] + camera[11];
     if (depth < least) std::tie(least, behind) = std::pair(depth, v);
     result.magnification[static_cast<std::size_t>(v)] /= depth;
   }

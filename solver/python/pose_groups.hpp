@@ -1,7 +1,6 @@
 #pragma once
 
 // The arrays of asterism.pose's kernels, and what takes numbers into lanes and out of them.
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <asterism/solver/linear/difference_chain.hpp>
 #include <cmath>
@@ -52,6 +51,40 @@ inline Numbers change_coefficients(const double* times, Index frames) {
   return result;
 }
 
+/// A symmetric matrix becomes the diagonal one of its eigenvalues, by Jacobi's rotations; the eigenvectors
+/// are the columns of axes.
+template <int N>
+void diagonalize(double (&matrix)[N][N], double (&axes)[N][N]) {
+  double norm = 0;
+  for (int r = 0; r < N; ++r) {
+    for (int c = 0; c < N; ++c) {
+      axes[r][c] = r == c ? 1 : 0;
+      norm += std::abs(matrix[r][c]);
+    }
+  }
+  const auto rotate = [](double& x, double& y, double cosine, double sine) {
+    const double before = x;
+    x = cosine * before - sine * y;
+    y = sine * before + cosine * y;
+  };
+  for (int sweep = 0; sweep < 30; ++sweep) {
+    bool is_done = true;
+    for (int p = 0; p < N; ++p) {
+      for (int q = p + 1; q < N; ++q) {
+        if (!(std::abs(matrix[p][q]) > 1e-18 * norm)) continue;
+        is_done = false;
+        const double zeta = (matrix[q][q] - matrix[p][p]) / (2 * matrix[p][q]);
+        const double tangent = (zeta < 0 ? -1 : 1) / (std::abs(zeta) + std::sqrt(1 + zeta * zeta));
+        const double cosine = 1 / std::sqrt(1 + tangent * tangent), sine = cosine * tangent;
+        for (int k = 0; k < N; ++k) rotate(matrix[k][p], matrix[k][q], cosine, sine);
+        for (int k = 0; k < N; ++k) rotate(matrix[p][k], matrix[q][k], cosine, sine);
+        for (int k = 0; k < N; ++k) rotate(axes[k][p], axes[k][q], cosine, sine);
+      }
+    }
+    if (is_done) return;
+  }
+}
+
 /// Adds to a covariance (E) a multiple of the inverse of an information (E). If that has none, as of one
 /// view, only what it knows counts.
 template <int Dim>
@@ -65,19 +98,18 @@ void add_inverse(const double* information, double scale, double* covariance) {
   });
   for (int r = 0; r < Dim; ++r) size += information[Chain::entry(r, r)] / Dim;
   if (!is_definite || !(determinant > 1e-12 * std::pow(size, Dim))) {
-    Eigen::Matrix<double, Dim, Dim> matrix;
+    double values[Dim][Dim], axes[Dim][Dim], greatest = 0;
     for (int r = 0; r < Dim; ++r) {
-      for (int c = 0; c < Dim; ++c) matrix(r, c) = information[Chain::entry(r, c)];
+      for (int c = 0; c < Dim; ++c) values[r][c] = information[Chain::entry(r, c)];
     }
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, Dim, Dim>> solver(matrix);
-    const double least = 1e-9 * solver.eigenvalues().cwiseAbs().maxCoeff();
-    matrix.setZero();
-    for (int k = 0; k < Dim; ++k) {
-      const auto axis = solver.eigenvectors().col(k);
-      if (solver.eigenvalues()(k) > least) matrix += axis * axis.transpose() / solver.eigenvalues()(k);
-    }
+    diagonalize(values, axes);
+    for (int k = 0; k < Dim; ++k) greatest = std::max(greatest, std::abs(values[k][k]));
     for (int r = 0; r < Dim; ++r) {
-      for (int c = r; c < Dim; ++c) inverse[Chain::entry(r, c)] = matrix(r, c);
+      for (int c = r; c < Dim; ++c) {
+        double& sum = inverse[Chain::entry(r, c)] = 0;
+        for (int k = 0; k < Dim; ++k)
+          if (values[k][k] > 1e-9 * greatest) sum += axes[r][k] * axes[c][k] / values[k][k];
+      }
     }
   }
   for (int k = 0; k < Chain::kEntries; ++k) covariance[k] += scale * inverse[k];

@@ -1,8 +1,6 @@
 #pragma once
 
 // The window of asterism.pose.Stream.
-#include <Eigen/Cholesky>
-#include <cstring>
 
 #include "pose_estimate.hpp"
 #include "pose_lens.hpp"
@@ -239,46 +237,54 @@ class Window {
   template <int Dim>
   void marginalize(JointGroup& g, Index lane) {
     using Chain = lanes_v0_1::DifferenceChain<Dim, double>;
-    using Block = Eigen::Matrix<double, Dim, Dim>;
-    using Pair = Eigen::Matrix<double, 2 * Dim, 2 * Dim>;
-    // The matrix and the right side of the oldest point, and of the next two.
-    Pair past;
-    Eigen::Matrix<double, 2 * Dim, 1> right;
-    for (int r = 0; r < 2 * Dim; ++r) {
-      right(r) = groups_.at(g.past_right, r, lane);
-      for (int c = 0; c < 2 * Dim; ++c) past(r, c) = groups_.at(g.past, r * 2 * Dim + c, lane);
-    }
-    Block oldest = past.template topLeftCorner<Dim, Dim>();
-    Eigen::Matrix<double, Dim, 1> oldest_right = right.template head<Dim>();
-    for (int r = 0; r < Dim; ++r) {
-      oldest_right(r) += groups_.at(g.right, r, lane);
-      for (int c = 0; c < Dim; ++c) oldest(r, c) += groups_.at(g.information, Chain::entry(r, c), lane);
-    }
+    using Both = lanes_v0_1::DifferenceChain<2 * Dim, double>;
+    // The information about the oldest point, about the next two, and what couples them.
+    double oldest[Chain::kEntries], next[2 * Dim][2 * Dim] = {}, across[Dim][2 * Dim] = {}, right[Dim];
+    const auto past = [&](int r, int c) { return groups_.at(g.past, r * 2 * Dim + c, lane); };
     const double stiffness = g.stiffness[lane], *a = coefficients_.data();
-    Eigen::Matrix<double, Dim, 2 * Dim> across;
-    across << Block(past.template topRightCorner<Dim, Dim>()), Block::Zero();
-    Pair next = Pair::Zero();
-    next.template topLeftCorner<Dim, Dim>() = past.template bottomRightCorner<Dim, Dim>();
     for (int r = 0; r < Dim; ++r) {
-      oldest(r, r) += stiffness * a[0] * a[0];
-      for (int k = 0; k < 2; ++k) {
-        across(r, r + k * Dim) += stiffness * a[0] * a[1 + k];
-        for (int m = 0; m < 2; ++m) next(r + k * Dim, r + m * Dim) += stiffness * a[1 + k] * a[1 + m];
+      right[r] = groups_.at(g.past_right, r, lane) + groups_.at(g.right, r, lane);
+      for (int c = 0; c < Dim; ++c) {
+        oldest[Chain::entry(r, c)] = past(r, c) + groups_.at(g.information, Chain::entry(r, c), lane);
+        across[r][c] = past(r, Dim + c);
+        next[r][c] = past(Dim + r, Dim + c);
       }
     }
-    const Eigen::LLT<Block> factor(oldest);
-    const Eigen::Matrix<double, Dim, 2 * Dim> share = factor.solve(across);
-    next -= across.transpose() * share;
-    next = (0.5 * (next + next.transpose())).eval();
-    if (Eigen::LLT<Pair>(next).info() != Eigen::Success) {  // rounding makes what is not known negative
-      const Eigen::SelfAdjointEigenSolver<Pair> solver(next);
-      next = solver.eigenvectors() * solver.eigenvalues().cwiseMax(0).asDiagonal() *
-             solver.eigenvectors().transpose();
+    for (int r = 0; r < Dim; ++r) {
+      oldest[Chain::entry(r, r)] += stiffness * a[0] * a[0];
+      for (int k = 0; k < 2; ++k) {
+        across[r][r + k * Dim] += stiffness * a[0] * a[1 + k];
+        for (int m = 0; m < 2; ++m) next[r + k * Dim][r + m * Dim] += stiffness * a[1 + k] * a[1 + m];
+      }
     }
+    double inverse[Chain::kEntries], share[Dim][2 * Dim] = {};
+    Chain::invert(oldest, inverse, [](double) {});
+    for (int r = 0; r < Dim; ++r) {
+      for (int c = 0; c < 2 * Dim; ++c) {
+        for (int k = 0; k < Dim; ++k) share[r][c] += inverse[Chain::entry(r, k)] * across[k][c];
+      }
+    }
+    double entries[Both::kEntries], unused[Both::kEntries];
     for (int r = 0; r < 2 * Dim; ++r) {
-      const double kept = r < Dim ? right(Dim + r) : 0;
-      groups_.at(g.past_right, r, lane) = kept - share.col(r).dot(oldest_right);
-      for (int c = 0; c < 2 * Dim; ++c) groups_.at(g.past, r * 2 * Dim + c, lane) = next(r, c);
+      double kept = r < Dim ? groups_.at(g.past_right, Dim + r, lane) : 0;
+      for (int k = 0; k < Dim; ++k) kept -= share[k][r] * right[k];
+      groups_.at(g.past_right, r, lane) = kept;
+      for (int c = r; c < 2 * Dim; ++c) {
+        double left = next[r][c];
+        for (int k = 0; k < Dim; ++k) left -= (across[k][r] * share[k][c] + across[k][c] * share[k][r]) / 2;
+        next[r][c] = next[c][r] = entries[Both::entry(r, c)] = left;
+      }
+    }
+    bool is_definite = true;
+    Both::invert(entries, unused, [&](double pivot) { is_definite = is_definite && pivot > 0; });
+    double axes[2 * Dim][2 * Dim];
+    if (!is_definite) diagonalize(next, axes);  // rounding makes what is not known negative
+    for (int r = 0; r < 2 * Dim; ++r) {
+      for (int c = 0; c < 2 * Dim; ++c) {
+        double& to = groups_.at(g.past, r * 2 * Dim + c, lane) = is_definite ? next[r][c] : 0;
+        for (int k = 0; k < 2 * Dim && !is_definite; ++k)
+          to += axes[r][k] * axes[c][k] * std::max(next[k][k], 0.0);
+      }
     }
   }
 

@@ -156,7 +156,7 @@ struct DifferenceChain {
   /// The inverse of a block, by A = L D L^T. check: called with each pivot, the entries of D.
   template <typename Check>
   static void invert(const Real* a, Real* inverse, Check&& check) {
-    Real l[Dim][Dim], below[Dim][Dim], one_over[Dim];  // below: of L^-1
+    Real l[Dim][Dim], below[Dim][Dim], one_over[Dim] = {};  // below: of L^-1
     for (int c = 0; c < Dim; ++c) {
       for (int r = c; r < Dim; ++r) {
         Real left = a[entry(c, r)];
