@@ -302,30 +302,33 @@ void bind_pose(py::module_& m) {
       },
       py::arg("information"), py::arg("right_side"), py::arg("coefficients"), py::arg("weight"),
       py::arg("prior") = py::none());
-  py::class_<PoseRecording>(m, "_PoseRecording")
+  py::class_<PoseRecording>(m, "_PoseRecording", "Detections, for asterism.pose.fuse.")
       .def(py::init<Floats, Flags, Floats, Floats, Floats, Floats, std::optional<Floats>>(),
            py::arg("sights"), py::arg("is_seen"), py::arg("belief"), py::arg("times"), py::arg("cameras"),
            py::arg("area"), py::arg("deviation") = py::none())
-      .def("centre", &PoseRecording::centre)
+      .def("centre", &PoseRecording::centre, "A point in the middle of what is seen.")
       .def("estimate", &PoseRecording::estimate, py::arg("begin"), py::arg("end"), py::arg("settled"),
-           py::arg("steps"))
+           py::arg("steps"), "The estimate of the frames begin .. end - 1; None if no joint is seen in them.")
       .def("path", &PoseRecording::path, py::arg("points"), py::arg("weight"), py::arg("stiffness"),
-           py::arg("offset"), py::arg("centre"), py::arg("extent"), py::arg("threads"))
+           py::arg("offset"), py::arg("centre"), py::arg("extent"), py::arg("threads"),
+           "The path of all frames and its covariance, given the weights.")
       .def("lasting", &PoseRecording::lasting, py::arg("points"), py::arg("weight"), py::arg("stiffness"),
-           py::arg("extent"), py::arg("threads"))
+           py::arg("extent"), py::arg("threads"),
+           "The covariance of the points if each view is off by its deviation.")
       .def("systematic", &PoseRecording::systematic, py::arg("points"), py::arg("disagreement"),
-           py::arg("threads"));
+           py::arg("threads"), "The covariance of the points if each view is off by this in all frames.");
   m.def("_pose_sights", &sights, py::arg("pixels"), py::arg("matrices"), py::arg("distortions"),
         py::arg("threads") = 1);
   m.def("_pose_lanes", &pose_kernels::limit_lanes, py::arg("most"));
-  py::class_<PoseWindow>(m, "_PoseWindow")
+  py::class_<PoseWindow>(m, "_PoseWindow", "The last frames, for asterism.pose.Stream.")
       .def(py::init<int, const py::tuple&, const Floats&, const Floats&, const Floats&, const Floats&,
                     const Floats&, const Floats&, int>(),
            py::arg("frames"), py::arg("scales"), py::arg("cameras"), py::arg("matrices"),
            py::arg("distortions"), py::arg("area"), py::arg("slope"), py::arg("centre"), py::arg("lost"))
-      .def("push", &PoseWindow::push, py::arg("pixels"), py::arg("belief"), py::arg("time"))
-      .def_property_readonly("points", &PoseWindow::points)
-      .def_property_readonly("evidence", &PoseWindow::evidence);
+      .def("push", &PoseWindow::push, py::arg("pixels"), py::arg("belief"), py::arg("time"),
+           "The points, covariance and outliers of the next frame.")
+      .def_property_readonly("points", &PoseWindow::points, "The points of the window.")
+      .def_property_readonly("evidence", &PoseWindow::evidence, "What the last points were computed from.");
 }
 
 }  // namespace asterism::python
