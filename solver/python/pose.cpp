@@ -1,217 +1,287 @@
 // The chains of joints over time, for asterism.pose.
 #include <pybind11/stl.h>
 
-#include <Eigen/LU>
 #include <asterism/solver/linear/difference_chains.hpp>
 #include <limits>
 #include <optional>
 
 #include "bindings.hpp"
+#include "pose_path.hpp"
+#include "pose_window.hpp"
 
 namespace asterism::python {
 namespace {
 
 using Floats = py::array_t<double, py::array::c_style>;
+using Flags = py::array_t<bool, py::array::c_style>;
+using pose::Index;
+using pose::Numbers;
 
 template <int Dim>
 py::tuple chains(const Floats& information, const Floats& right_side, const Floats& coefficients,
-                 const Floats& weight, bool covariance, const Floats& prior) {
+                 const Floats& weight, const Floats& prior) {
   const auto points = information.shape(0), joints = information.shape(1);
-  const auto differences = std::max<py::ssize_t>(points - 2, 0);
-  constexpr int kEntries = DifferenceChains<Dim>::kEntries;
-  Floats x(shape_of(right_side)), spread({differences, joints}),
-      of_points({covariance ? points : 0, joints, py::ssize_t{kEntries}});
-  Floats log_det(joints);
+  Floats x(shape_of(right_side)), spread({std::max<Index>(points - 2, 0), joints}),
+      covariance({points, joints, Index{DifferenceChains<Dim>::kEntries}}), log_det(joints);
   std::copy_n(right_side.data(), right_side.size(), x.mutable_data());
-  bool is_definite = false;
-  {
-    const double *a = information.data(), *c = coefficients.data(), *w = weight.data();
-    const double* past = prior.size() > 0 ? prior.data() : nullptr;
-    double *to = x.mutable_data(), *of = of_points.mutable_data(), *s = spread.mutable_data();
-    double* det = log_det.mutable_data();
-    const py::gil_scoped_release release;
-    DifferenceChains<Dim> factors;
-    is_definite =
-        factors.factorize(static_cast<std::size_t>(points), static_cast<std::size_t>(joints), a, c, w, past);
-    if (is_definite) {
-      factors.solve(to);
-      std::copy_n(factors.log_det().data(), joints, det);
-      if (covariance) factors.covariance(c, of, s);
-    }
-  }
-  if (!is_definite)
-    throw py::value_error("detections: numbers that are too large or too small for their joint's path");
-  return py::make_tuple(x, of_points, spread, log_det);
+  DifferenceChains<Dim> factors;
+  if (!factors.factorize(static_cast<std::size_t>(points), static_cast<std::size_t>(joints),
+                         information.data(), coefficients.data(), weight.data(),
+                         prior.size() > 0 ? prior.data() : nullptr))
+    throw py::value_error("not positive definite");
+  factors.solve(x.mutable_data());
+  factors.covariance(coefficients.data(), covariance.mutable_data(), spread.mutable_data());
+  std::copy_n(factors.log_det().data(), joints, log_det.mutable_data());
+  return py::make_tuple(x, covariance, spread, log_det);
 }
 
-/// The views of the joints: pixels of one image for all, or cameras.
-template <int Dim>
-class Views {
+void expect_shape(const py::array& array, const Shape& shape) {
+  if (shape_of(array) != shape) throw py::value_error("arrays of these shapes do not belong together");
+}
+
+Floats array_of(const Numbers& numbers, const Shape& shape) {
+  Floats result(shape);
+  std::copy(numbers.begin(), numbers.end(), result.mutable_data());
+  return result;
+}
+
+/// A pose::Recording and the arrays that it is on.
+class PoseRecording {
  public:
-  using Point = Eigen::Matrix<double, Dim, 1>;
-  using Rows = Eigen::Matrix<double, 2, Dim>;
+  PoseRecording(Floats sights, Flags is_seen, Floats belief, Floats times, Floats cameras, Floats area,
+                std::optional<Floats> deviation)
+      : sights_(std::move(sights)),
+        is_seen_(std::move(is_seen)),
+        belief_(std::move(belief)),
+        times_(std::move(times)),
+        cameras_(std::move(cameras)),
+        area_(std::move(area)),
+        deviation_(std::move(deviation)) {
+    if (sights_.ndim() != 4) throw py::value_error("sights: expected shape (views, frames, joints, 6)");
+    const auto views = sights_.shape(0), frames = sights_.shape(1), joints = sights_.shape(2);
+    const bool is_flat = cameras_.size() == 0;
+    expect_shape(sights_, {views, frames, joints, 6});
+    expect_shape(is_seen_, {views, frames, joints});
+    expect_shape(belief_, {views, frames, joints});
+    expect_shape(times_, {frames});
+    expect_shape(cameras_, {is_flat ? 0 : views, 12});
+    expect_shape(area_, {views});
+    if (deviation_) expect_shape(*deviation_, {views, frames, joints});
+    of_ = {is_flat ? 2 : 3,
+           views,
+           frames,
+           joints,
+           sights_.data(),
+           is_seen_.data(),
+           belief_.data(),
+           times_.data(),
+           cameras_.data(),
+           area_.data(),
+           deviation_ ? deviation_->data() : nullptr};
+  }
 
-  /// sights (views, frames, joints, 6): the point in the image, in a camera's normalised coordinates where
-  /// there are cameras, and the pixels for a unit of them (2 x 2). cameras (views, 12): R by rows and t.
-  /// offsets (views, joints, 2): what a view is off by [px], added to its errors.
-  Views(const Floats& sights, const Floats& cameras, const double* offsets = nullptr)
-      : sights_(sights.data()),
-        cameras_(cameras.data()),
-        offsets_(offsets),
-        joints_(sights.shape(2)),
-        size_(sights.shape(1) * joints_) {}
-
-  /// The error [px] of a joint if it is at x, and its derivative.
-  struct Residual {
-    Rows rows;
-    Eigen::Vector2d error;
-  };
-  /// That of point i, counted frame by frame. Along the ray of what was seen the error does not change if
-  /// along_ray, so that a start may be far off.
-  Residual residual(py::ssize_t view, py::ssize_t i, const Point& x, bool along_ray = false) const {
-    Residual result;
-    const double* p = sights_ + (view * size_ + i) * 6;
-    const Eigen::Map<const Eigen::Vector2d> seen(p);
-    if constexpr (Dim == 2) {
-      result.rows.setIdentity();
-      result.error = x - seen;
-    } else {
-      const double* c = cameras_ + view * 12;
-      const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> rotation(c);
-      const Eigen::Map<const Eigen::Matrix<double, 2, 2, Eigen::RowMajor>> pixels(p + 2);
-      const Eigen::Map<const Eigen::Vector3d> translation(c + 9);
-      const Eigen::Vector3d at = rotation * x + translation;
-      const double depth = std::max(at(2), 1e-3 * translation.norm());  // in front of the camera
-      const Eigen::Vector2d image = at.template head<2>() / depth;
-      result.error = pixels * (image - seen);
-      result.rows =
-          pixels * (rotation.template topRows<2>() - (along_ray ? seen : image) * rotation.row(2)) / depth;
+  py::array_t<double> centre() const {
+    pose::Middle middle;
+    {
+      const py::gil_scoped_release release;
+      middle = pose::Part(of_, 0, of_.frames).middle();
     }
-    if (offsets_ != nullptr)
-      result.error += Eigen::Map<const Eigen::Vector2d>(offsets_ + (view * joints_ + i % joints_) * 2);
-    return result;
+    return py::array_t<double>(of_.dim, middle.point);
+  }
+
+  py::object estimate(Index begin, Index end, double settled, int steps) const {
+    if (begin < 0 || end > of_.frames || begin >= end) throw py::value_error("no such frames");
+    std::optional<pose::Estimate> found;
+    {
+      const py::gil_scoped_release release;
+      found = pose::estimated(of_, begin, end, settled, steps);
+    }
+    if (!found) return py::none();
+    const Index frames = end - begin, joints = static_cast<Index>(found->joints.size()), views = of_.views;
+    const pose::Scales& scales = found->scales;
+    return py::make_tuple(
+        py::array_t<Index>(joints, found->joints.data()),
+        py::make_tuple(array_of(scales.noise, {views, joints}), array_of(scales.motion, {joints}),
+                       array_of(scales.offset, {views, joints, 2}), scales.disagreement, scales.extent),
+        array_of(found->points, {frames, joints, of_.dim}),
+        array_of(found->covariance, {frames, joints, pose::entries_of(of_.dim)}),
+        array_of(found->probability, {views, frames, joints}),
+        array_of(found->weight, {views, frames, joints}),
+        array_of(found->stiffness, {std::max<Index>(frames - 2, 0), joints}));
+  }
+
+  py::tuple path(const Floats& points, const Floats& weight, const Floats& stiffness, const Floats& offset,
+                 const Floats& centre, double extent, int threads) const {
+    Floats found = checked_points(points), covariance(entries_shape());
+    const pose::Weights weights = checked(weight, stiffness, offset, centre, extent);
+    double *to = found.mutable_data(), *to_covariance = covariance.mutable_data();
+    {
+      const py::gil_scoped_release release;
+      pose::solve_path(of_, weights, threads, to, to_covariance);
+    }
+    return py::make_tuple(found, covariance);
+  }
+
+  Floats lasting(const Floats& points, const Floats& weight, const Floats& stiffness, double extent,
+                 int threads) const {
+    const Floats at = checked_points(points);
+    const Floats offset = zeros({of_.views, of_.joints, 2}), centre = zeros({of_.dim});
+    Floats covariance = zeros(entries_shape());
+    const pose::Weights weights = checked(weight, stiffness, offset, centre, extent);
+    if (!deviation_) return covariance;
+    double* to = covariance.mutable_data();
+    {
+      const py::gil_scoped_release release;
+      pose::lasting_covariance(of_, weights, threads, at.data(), to);
+    }
+    return covariance;
+  }
+
+  Floats systematic(const Floats& points, double disagreement, int threads) const {
+    const Floats at = checked_points(points);
+    Floats covariance = zeros(entries_shape());
+    double* to = covariance.mutable_data();
+    if (disagreement != 0) {
+      const py::gil_scoped_release release;
+      pose::add_systematic(of_, disagreement, threads, at.data(), to);
+    }
+    return covariance;
   }
 
  private:
-  const double *sights_, *cameras_, *offsets_;
-  py::ssize_t joints_, size_;
+  static Floats zeros(const Shape& shape) {
+    Floats result(shape);
+    std::fill_n(result.mutable_data(), result.size(), 0.0);
+    return result;
+  }
+  Shape entries_shape() const { return {of_.frames, of_.joints, pose::entries_of(of_.dim)}; }
+
+  /// A copy.
+  Floats checked_points(const Floats& points) const {
+    expect_shape(points, {of_.frames, of_.joints, of_.dim});
+    Floats result(shape_of(points));
+    std::copy_n(points.data(), points.size(), result.mutable_data());
+    return result;
+  }
+
+  pose::Weights checked(const Floats& weight, const Floats& stiffness, const Floats& offset,
+                        const Floats& centre, double extent) const {
+    expect_shape(weight, {of_.views, of_.frames, of_.joints});
+    expect_shape(stiffness, {std::max<Index>(of_.frames - 2, 0), of_.joints});
+    expect_shape(offset, {of_.views, of_.joints, 2});
+    expect_shape(centre, {of_.dim});
+    return {weight.data(), stiffness.data(), offset.data(), centre.data(), extent};
+  }
+
+  Floats sights_;
+  Flags is_seen_;
+  Floats belief_, times_, cameras_, area_;
+  std::optional<Floats> deviation_;
+  pose::Recording of_;
 };
 
-template <int Dim>
-py::tuple evidence(const Floats& points, const Floats& sights, const Floats& cameras, const Floats& weight,
-                   const Floats& offset, bool along_ray) {
-  const auto frames = points.shape(0), joints = points.shape(1), views = sights.shape(0);
-  constexpr int kEntries = DifferenceChains<Dim>::kEntries;
-  Floats information({frames, joints, py::ssize_t{kEntries}}), right_side({frames, joints, py::ssize_t{Dim}});
-  double *to_information = information.mutable_data(), *to_right_side = right_side.mutable_data();
-  {
-    const py::gil_scoped_release release;
-    const Views<Dim> of(sights, cameras, offset.data());
-    for (py::ssize_t i = 0; i < frames * joints; ++i) {
-      const Eigen::Map<const Eigen::Matrix<double, Dim, 1>> x(points.data() + i * Dim);
-      Eigen::Matrix<double, Dim, Dim> a = Eigen::Matrix<double, Dim, Dim>::Zero();
-      Eigen::Matrix<double, Dim, 1> b = Eigen::Matrix<double, Dim, 1>::Zero();
-      for (py::ssize_t v = 0; v < views; ++v) {
-        const double w = weight.data()[v * frames * joints + i];
-        if (w == 0) continue;
-        const auto [rows, error] = of.residual(v, i, x, along_ray);
-        a.noalias() += w * rows.transpose() * rows;
-        b.noalias() += w * rows.transpose() * (rows * x - error);
-      }
-      for (int r = 0, k = 0; r < Dim; ++r) {
-        for (int c = r; c < Dim; ++c, ++k) to_information[i * kEntries + k] = a(r, c);
-      }
-      Eigen::Map<Eigen::Matrix<double, Dim, 1>>(to_right_side + i * Dim) = b;
-    }
-  }
-  return py::make_tuple(information, right_side);
+std::vector<pose::Lens> lenses(const Floats& matrices, const Floats& distortions) {
+  const auto views = matrices.shape(0);
+  expect_shape(matrices, {views, 3, 3});
+  expect_shape(distortions, {views, 5});
+  std::vector<pose::Lens> result;
+  for (Index v = 0; v < views; ++v) result.emplace_back(matrices.data() + v * 9, distortions.data() + v * 5);
+  return result;
 }
 
-template <int Dim>
-Floats squares(const Floats& points, const Floats& covariance, const Floats& sights, const Floats& cameras,
-               const Floats& offset) {
-  const auto frames = points.shape(0), joints = points.shape(1), views = sights.shape(0);
-  constexpr int kEntries = DifferenceChains<Dim>::kEntries;
-  Floats expected({views, frames, joints});
-  double* to = expected.mutable_data();
-  {
-    const py::gil_scoped_release release;
-    const Views<Dim> of(sights, cameras, offset.data());
-    for (py::ssize_t i = 0; i < frames * joints; ++i) {
-      const Eigen::Map<const Eigen::Matrix<double, Dim, 1>> x(points.data() + i * Dim);
-      Eigen::Matrix<double, Dim, Dim> s;
-      for (int r = 0, k = 0; r < Dim; ++r) {
-        for (int c = r; c < Dim; ++c, ++k) s(r, c) = s(c, r) = covariance.data()[i * kEntries + k];
-      }
-      for (py::ssize_t v = 0; v < views; ++v) {
-        const auto [rows, error] = of.residual(v, i, x);
-        to[v * frames * joints + i] = error.squaredNorm() + (rows * s * rows.transpose()).trace();
-      }
-    }
-  }
-  return expected;
+/// pixels (views, .., 2) -> sights (views, .., 6).
+Floats sights(const Floats& pixels, const Floats& matrices, const Floats& distortions, int threads) {
+  const std::vector<pose::Lens> of = lenses(matrices, distortions);
+  const auto views = static_cast<Index>(of.size());
+  Shape shape = shape_of(pixels);
+  if (shape.size() < 2 || shape.front() != views || shape.back() != 2)
+    throw py::value_error("pixels: expected shape (views, .., 2)");
+  shape.back() = 6;
+  Floats found(shape);
+  const Index each = views == 0 ? 0 : pixels.size() / (2 * views);
+  const double* from = pixels.data();
+  double* to = found.mutable_data();
+  const py::gil_scoped_release release;
+  detail::for_each_task(threads, static_cast<int>(views), [&](int, int view) {
+    for (Index i = view * each; i < (view + 1) * each; ++i)
+      of[static_cast<std::size_t>(view)].undistort(from + i * 2, to + i * 6);
+  });
+  return found;
 }
 
-template <int Dim>
-py::tuple residuals(const Floats& points, const Floats& sights, const Floats& cameras) {
-  const auto frames = points.shape(0), joints = points.shape(1), views = sights.shape(0);
-  Floats all({views, frames, joints, py::ssize_t{2}, py::ssize_t{Dim}}),
-      errors({views, frames, joints, py::ssize_t{2}});
-  double *to_rows = all.mutable_data(), *to_errors = errors.mutable_data();
-  {
-    const py::gil_scoped_release release;
-    const Views<Dim> of(sights, cameras);
-    for (py::ssize_t k = 0; k < views * frames * joints; ++k) {
-      const auto i = k % (frames * joints);
-      const auto [rows, error] = of.residual(
-          k / (frames * joints), i, Eigen::Map<const Eigen::Matrix<double, Dim, 1>>(points.data() + i * Dim));
-      Eigen::Map<Eigen::Matrix<double, 2, Dim, Eigen::RowMajor>>(to_rows + k * 2 * Dim) = rows;
-      Eigen::Map<Eigen::Vector2d>(to_errors + k * 2) = error;
+/// A pose::Window, which is used with the GIL held.
+class PoseWindow {
+ public:
+  PoseWindow(int frames, const py::tuple& scales, const Floats& cameras, const Floats& matrices,
+             const Floats& distortions, const Floats& area, const Floats& slope, const Floats& centre,
+             int lost)
+      : window_(setting(frames, scales, cameras, matrices, distortions, area, slope, centre, lost)) {}
+
+  py::tuple push(const Floats& pixels, const Floats& belief, double time) {
+    expect_shape(pixels, {views_, joints_, 2});
+    expect_shape(belief, {views_, joints_});
+    const pose::Window::Newest found = window_.push(pixels.data(), belief.data(), time);
+    Floats covariance({joints_, Index{dim_}, Index{dim_}});
+    double* to = covariance.mutable_data();
+    for (Index j = 0, k = 0; j < joints_; ++j, to += dim_ * dim_) {
+      for (int r = 0; r < dim_; ++r) {
+        for (int c = r; c < dim_; ++c, ++k)
+          to[r * dim_ + c] = to[c * dim_ + r] = found.covariance[static_cast<std::size_t>(k)];
+      }
     }
+    Flags outlier({views_, joints_});
+    std::copy(found.outlier.begin(), found.outlier.end(), outlier.mutable_data());
+    return py::make_tuple(array_of(found.points, {joints_, dim_}), covariance, outlier);
   }
-  return py::make_tuple(all, errors);
-}
 
-/// OpenCV's lens: where a point in normalised coordinates is seen, and the derivative.
-struct Lens {
-  double k1, k2, p1, p2, k3;
+  Floats points() { return array_of(window_.points(), {window_.frames(), joints_, dim_}); }
 
-  Eigen::Vector2d distorted(const Eigen::Vector2d& at, Eigen::Matrix2d& slope) const {
-    const double x = at(0), y = at(1), r = x * x + y * y;
-    const double radial = 1 + r * (k1 + r * (k2 + r * k3)), rise = k1 + r * (2 * k2 + 3 * k3 * r);
-    const double mixed = 2 * (x * y * rise + p1 * x + p2 * y);
-    slope << radial + 2 * x * x * rise + 2 * p1 * y + 6 * p2 * x, mixed, mixed,
-        radial + 2 * y * y * rise + 6 * p1 * y + 2 * p2 * x;
-    return {x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x),
-            y * radial + p1 * (r + 2 * y * y) + 2 * p2 * x * y};
+  py::tuple evidence() {
+    const auto [information, right, stiffness, coefficients] = window_.evidence();
+    const Index frames = window_.frames(), changes = std::max<Index>(frames - 2, 0);
+    return py::make_tuple(array_of(information, {frames, joints_, pose::entries_of(dim_)}),
+                          array_of(right, {frames, joints_, dim_}), array_of(stiffness, {changes, joints_}),
+                          array_of(coefficients, {changes, 3}));
   }
+
+ private:
+  pose::Window::Setting setting(int frames, const py::tuple& scales, const Floats& cameras,
+                                const Floats& matrices, const Floats& distortions, const Floats& area,
+                                const Floats& slope, const Floats& centre, int lost) {
+    const auto numbers = [](const Floats& array) {
+      return Numbers(array.data(), array.data() + array.size());
+    };
+    const auto noise = scales[0].cast<Floats>(), motion = scales[1].cast<Floats>();
+    const auto offset = scales[2].cast<Floats>();
+    dim_ = cameras.size() == 0 ? 2 : 3;
+    if (noise.ndim() != 2) throw py::value_error("noise: expected shape (views, joints)");
+    views_ = noise.shape(0);
+    joints_ = noise.shape(1);
+    expect_shape(motion, {joints_});
+    expect_shape(offset, {views_, joints_, 2});
+    expect_shape(cameras, {dim_ == 2 ? 0 : views_, 12});
+    expect_shape(matrices, {dim_ == 2 ? 0 : views_, 3, 3});
+    expect_shape(area, {views_});
+    expect_shape(slope, {views_, 4});
+    expect_shape(centre, {dim_});
+    return {dim_,
+            frames,
+            views_,
+            joints_,
+            {numbers(noise), numbers(motion), numbers(offset), scales[3].cast<double>(),
+             scales[4].cast<double>()},
+            numbers(cameras),
+            lenses(matrices, distortions),
+            numbers(area),
+            numbers(slope),
+            numbers(centre),
+            lost};
+  }
+
+  int dim_ = 0;
+  Index views_ = 0, joints_ = 0;
+  pose::Window window_;
 };
-
-py::tuple undistorted(const Floats& pixels, const Floats& matrix, const Floats& distortions) {
-  const auto count = pixels.shape(0);
-  Floats images({count, py::ssize_t{2}}), slopes({count, py::ssize_t{2}, py::ssize_t{2}});
-  const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> camera(matrix.data());
-  const Eigen::Matrix2d scale = camera.topLeftCorner<2, 2>();
-  const Eigen::Matrix2d inverse = scale.inverse();
-  const double* k = distortions.data();
-  const Lens lens{k[0], k[1], k[2], k[3], k[4]};
-  for (py::ssize_t i = 0; i < count; ++i) {
-    const Eigen::Map<const Eigen::Vector2d> seen(pixels.data() + i * 2);
-    const Eigen::Vector2d goal = inverse * (seen - camera.topRightCorner<2, 1>());
-    Eigen::Vector2d image = goal;
-    Eigen::Matrix2d slope;
-    Eigen::Vector2d error = goal - lens.distorted(image, slope);
-    for (int step = 0; step < 12 && error.lpNorm<Eigen::Infinity>() > 1e-13; ++step) {  // Newton's method
-      image += slope.inverse() * error;
-      error = goal - lens.distorted(image, slope);
-    }
-    const bool is_found = error.lpNorm<Eigen::Infinity>() < 1e-9 && slope.determinant() > 0;
-    if (!is_found) image.setConstant(std::numeric_limits<double>::quiet_NaN());
-    Eigen::Map<Eigen::Vector2d>(images.mutable_data() + i * 2) = image;
-    Eigen::Map<Eigen::Matrix<double, 2, 2, Eigen::RowMajor>>(slopes.mutable_data() + i * 4) = scale * slope;
-  }
-  return py::make_tuple(images, slopes);
-}
 
 }  // namespace
 
@@ -219,45 +289,46 @@ void bind_pose(py::module_& m) {
   m.def(
       "_difference_chains",
       [](const Floats& information, const Floats& right_side, const Floats& coefficients,
-         const Floats& weight, bool covariance, const std::optional<Floats>& given_prior) {
+         const Floats& weight, const std::optional<Floats>& given_prior) {
         const Floats prior = given_prior.value_or(Floats(0));
         const auto points = right_side.shape(0), joints = right_side.shape(1), dim = right_side.shape(2);
         const auto differences = std::max<py::ssize_t>(points - 2, 0);
-        if (shape_of(information) != Shape{points, joints, dim * (dim + 1) / 2} ||
-            shape_of(coefficients) != Shape{differences, 3} ||
-            shape_of(weight) != Shape{differences, joints} ||
-            (prior.size() > 0 && shape_of(prior) != Shape{joints, 2 * dim, 2 * dim}))
-          throw py::value_error("arrays of these shapes do not belong together");
-        return dim == 2 ? chains<2>(information, right_side, coefficients, weight, covariance, prior)
-                        : chains<3>(information, right_side, coefficients, weight, covariance, prior);
+        expect_shape(information, {points, joints, dim * (dim + 1) / 2});
+        expect_shape(coefficients, {differences, 3});
+        expect_shape(weight, {differences, joints});
+        if (prior.size() > 0) expect_shape(prior, {joints, 2 * dim, 2 * dim});
+        return dim == 2 ? chains<2>(information, right_side, coefficients, weight, prior)
+                        : chains<3>(information, right_side, coefficients, weight, prior);
       },
       py::arg("information"), py::arg("right_side"), py::arg("coefficients"), py::arg("weight"),
-      py::arg("covariance") = true, py::arg("prior") = py::none());
-  m.def(
-      "_pose_evidence",
-      [](const Floats& points, const Floats& sights, const Floats& cameras, const Floats& weight,
-         const Floats& offset, bool along_ray) {
-        return points.shape(2) == 2 ? evidence<2>(points, sights, cameras, weight, offset, along_ray)
-                                    : evidence<3>(points, sights, cameras, weight, offset, along_ray);
-      },
-      py::arg("points"), py::arg("sights"), py::arg("cameras"), py::arg("weight"), py::arg("offset"),
-      py::arg("along_ray"));
-  m.def(
-      "_pose_squares",
-      [](const Floats& points, const Floats& covariance, const Floats& sights, const Floats& cameras,
-         const Floats& offset) {
-        return points.shape(2) == 2 ? squares<2>(points, covariance, sights, cameras, offset)
-                                    : squares<3>(points, covariance, sights, cameras, offset);
-      },
-      py::arg("points"), py::arg("covariance"), py::arg("sights"), py::arg("cameras"), py::arg("offset"));
-  m.def(
-      "_pose_residuals",
-      [](const Floats& points, const Floats& sights, const Floats& cameras) {
-        return points.shape(2) == 2 ? residuals<2>(points, sights, cameras)
-                                    : residuals<3>(points, sights, cameras);
-      },
-      py::arg("points"), py::arg("sights"), py::arg("cameras"));
-  m.def("_pose_undistorted", &undistorted, py::arg("pixels"), py::arg("matrix"), py::arg("distortions"));
+      py::arg("prior") = py::none());
+  py::class_<PoseRecording>(m, "_PoseRecording", "Detections, for asterism.pose.fuse.")
+      .def(py::init<Floats, Flags, Floats, Floats, Floats, Floats, std::optional<Floats>>(),
+           py::arg("sights"), py::arg("is_seen"), py::arg("belief"), py::arg("times"), py::arg("cameras"),
+           py::arg("area"), py::arg("deviation") = py::none())
+      .def("centre", &PoseRecording::centre, "A point in the middle of what is seen.")
+      .def("estimate", &PoseRecording::estimate, py::arg("begin"), py::arg("end"), py::arg("settled"),
+           py::arg("steps"), "The estimate of the frames begin .. end - 1; None if no joint is seen in them.")
+      .def("path", &PoseRecording::path, py::arg("points"), py::arg("weight"), py::arg("stiffness"),
+           py::arg("offset"), py::arg("centre"), py::arg("extent"), py::arg("threads"),
+           "The path of all frames and its covariance, given the weights.")
+      .def("lasting", &PoseRecording::lasting, py::arg("points"), py::arg("weight"), py::arg("stiffness"),
+           py::arg("extent"), py::arg("threads"),
+           "The covariance of the points if each view is off by its deviation.")
+      .def("systematic", &PoseRecording::systematic, py::arg("points"), py::arg("disagreement"),
+           py::arg("threads"), "The covariance of the points if each view is off by this in all frames.");
+  m.def("_pose_sights", &sights, py::arg("pixels"), py::arg("matrices"), py::arg("distortions"),
+        py::arg("threads") = 1);
+  m.def("_pose_lanes", &pose_kernels::limit_lanes, py::arg("most"));
+  py::class_<PoseWindow>(m, "_PoseWindow", "The last frames, for asterism.pose.Stream.")
+      .def(py::init<int, const py::tuple&, const Floats&, const Floats&, const Floats&, const Floats&,
+                    const Floats&, const Floats&, int>(),
+           py::arg("frames"), py::arg("scales"), py::arg("cameras"), py::arg("matrices"),
+           py::arg("distortions"), py::arg("area"), py::arg("slope"), py::arg("centre"), py::arg("lost"))
+      .def("push", &PoseWindow::push, py::arg("pixels"), py::arg("belief"), py::arg("time"),
+           "The points, covariance and outliers of the next frame.")
+      .def_property_readonly("points", &PoseWindow::points, "The points of the window.")
+      .def_property_readonly("evidence", &PoseWindow::evidence, "What the last points were computed from.");
 }
 
 }  // namespace asterism::python

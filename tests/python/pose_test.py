@@ -16,7 +16,7 @@ import tempfile
 import unittest
 
 import numpy as np
-from asterism import _asterism, pose, pose_estimate, pose_tool
+from asterism import _asterism, pose, pose_estimate, pose_fuse, pose_tool
 
 try:
     import h5py
@@ -93,7 +93,7 @@ class KernelTest(unittest.TestCase):
             past = half @ half.swapaxes(-1, -2)
             right, coefficients = rng.normal(size=(points, joints, dim)), rng.normal(size=(points - 2, 3))
             weight = rng.uniform(0.1, 5, (points - 2, joints))
-            found, covariance, _, _ = _asterism._difference_chains(blocks[..., row, column], right, coefficients, weight, True, past)
+            found, covariance, _, _ = _asterism._difference_chains(blocks[..., row, column], right, coefficients, weight, past)
             for j in range(joints):
                 matrix = np.zeros((points * dim, points * dim))
                 matrix[: 2 * dim, : 2 * dim] = past[j]
@@ -278,6 +278,84 @@ class FuseTest(unittest.TestCase):
             self.assertLess(error[0], 1.05 * error[1])
             np.testing.assert_allclose(found.noise, longer.noise, rtol=0.1)
 
+    def test_the_estimate_is_a_fixed_point(self):
+        # Of the equations on the page, which are written here with NumPy, after so many steps that they change nothing.
+        for dim in (2, 3):
+            truth, seen, _, cameras = recording(17, frames=60, joints=3, outliers=0.1, missing=0.2)
+            if dim == 2:
+                rng = np.random.default_rng(17)
+                truth, cameras = 100 * truth[..., :2], None
+                seen = truth + rng.normal(0, 1, (3, *truth.shape)) + np.where(rng.random((3, *truth.shape[:2], 1)) < 0.1, 50, 0)
+            known = pose_fuse._checked(seen, None, cameras, None, np.arange(60) ** 1.1, None)[0]
+            _, (noise, motion, offset, _, extent), points, covariance, probability, weight, stiffness = known.compiled.estimate(0, 60, 0.0, 2000)
+            error, rows = np.empty((*probability.shape, 2)), np.empty((*probability.shape, 2, dim))
+            area = np.full(3, np.prod(np.ptp(seen.reshape(-1, 2), axis=0)))
+            for view in range(3):
+                if dim == 2:
+                    error[view], rows[view] = points - seen[view], np.eye(2)
+                    continue
+                camera = cameras[view]
+                area[view] = np.prod(camera.size)
+                image, slope = camera.undistort(seen[view])
+                at = points @ camera.rotation.T + camera.translation
+                error[view] = np.einsum("tjab,tjb->tja", slope, at[..., :2] / at[..., 2:] - image)
+                flat = camera.rotation[:2] - (at[..., :2] / at[..., 2:])[..., None] * camera.rotation[2]
+                rows[view] = np.einsum("tjab,tjbd->tjad", slope, flat) / at[..., 2, None, None]
+            is_seen = np.isfinite(error[..., 0])
+            error[~is_seen], rows[~is_seen] = 0, 0
+            # Offsets: what no place of the joint explains of the mean errors.
+            share = probability / probability.sum(1, keepdims=True)
+            for joint in range(3):
+                slope = np.einsum("vt,vtkd->vkd", share[..., joint], rows[:, :, joint]).reshape(6, dim)
+                mean = np.einsum("vt,vtk->vk", share[..., joint], error[:, :, joint]).ravel()
+                np.testing.assert_allclose(offset[:, joint].ravel(), slope @ np.linalg.pinv(slope) @ mean - mean, atol=1e-6)
+            error += offset[:, None]
+            blur = np.einsum("vtjad,tjde,vtjae->vtj", rows, pose_estimate._matrices(covariance), rows)
+            square, variance = (error**2).sum(-1) + blur, noise[:, None] ** 2
+            base = 1 + square / (4 * variance)
+            expected, surprise = variance, base
+            if dim == 2:  # the detection does not predict itself
+                others = np.maximum(1 - weight * covariance[..., 0], 1e-3)
+                expected = variance + covariance[..., 0] / others
+                surprise = 1 + np.maximum(square - 2 * covariance[..., 0], 0) / (4 * others**2 * expected)
+            likelihood = 0.99 / (2 * np.pi * expected * surprise**3)
+            np.testing.assert_allclose(probability, is_seen * likelihood / (likelihood + 0.01 / area[:, None, None]), atol=1e-6)
+            trust = probability * 1.5 / base
+            np.testing.assert_allclose(weight, trust / variance, rtol=1e-5, atol=1e-9)
+            total, count = (trust * square).sum(1), 2 * probability.sum(1)
+            np.testing.assert_allclose(noise**2, (total + 10 * total.sum() / count.sum()) / (count + 10), rtol=1e-5)
+            # The chains of these weights.
+            step = np.diff(known.times)
+            c = np.stack([1 / step[:-1], -1 / step[:-1] - 1 / step[1:], 1 / step[1:]], 1) / np.sqrt((step[:-1] + step[1:]) / 2)[:, None]
+            row, column = np.triu_indices(dim)
+            weak = (100 * extent) ** -2
+            information = np.einsum("vtj,vtjad,vtjae->tjde", weight, rows, rows) + weak * np.eye(dim)
+            goal = np.einsum("vtjad,tjd->vtja", rows, points) - error
+            right = np.einsum("vtj,vtjad,vtja->tjd", weight, rows, goal) + weak * known.compiled.centre()
+            path, variances, spread, _ = _asterism._difference_chains(information[..., row, column], right, c, stiffness)
+            np.testing.assert_allclose(path, points, atol=1e-6 * extent)
+            np.testing.assert_allclose(variances, covariance, rtol=1e-5, atol=1e-9 * covariance.max())
+            change = (np.einsum("kt,ktjd->tjd", c.T, np.stack([points[:-2], points[1:-1], points[2:]])) ** 2).sum(-1) + spread
+            near = np.stack([change[max(t - 2, 0) : t + 3].sum(0) for t in range(58)])
+            number = np.array([len(change[max(t - 2, 0) : t + 3]) for t in range(58)])[:, None]
+            calm = (1 + dim * number) / (1 + near / motion)
+            np.testing.assert_allclose(stiffness, calm / motion, rtol=1e-4)
+            np.testing.assert_allclose((calm * change).mean(0) / dim, motion, rtol=1e-4)
+
+    def test_vectors_of_each_width_agree(self):
+        widest = _asterism._pose_lanes(0)
+        self.addCleanup(_asterism._pose_lanes, widest)
+        truth, seen, _, cameras = recording(18, frames=150, joints=5)
+        found = {}
+        for lanes in (2, 4, 8):  # a machine without one of them takes the next narrower one
+            _asterism._pose_lanes(lanes)
+            space, image = pose.fuse(seen, None, cameras, [(0, 1)]), pose.fuse(seen[0])
+            stream = pose.Stream(space, cameras)
+            found[lanes] = [space.points, space.covariance, image.points, image.covariance, *(stream.push(frame).points for frame in seen.swapaxes(0, 1)[:40])]
+        for lanes in (2, 4):
+            for one, other in zip(found[lanes], found[8]):
+                np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6)
+
     def test_errors_of_networks_that_last(self):
         # Four networks of which the errors last for some 20 frames, of another size in each burst; the first one's path.
         rng, frames, joints = np.random.default_rng(16), 800, 3
@@ -352,17 +430,13 @@ class StreamTest(unittest.TestCase):
             recorded = pose.fuse(seen, None, cameras) if dim == 3 else pose.fuse(seen[:1])
             stream = pose.Stream(recorded, cameras if dim == 3 else None, window=6)
             views, left = (slice(None), []) if dim == 3 else (slice(1), [])
-            forget = stream._forget
-
-            def watched():
-                left.append([array[0] for array in stream._evidence])
-                forget()
-
-            stream._forget = watched
             for frame in range(40):
+                if len(stream.points) == 6:  # the oldest one leaves
+                    left.append([array[0] for array in stream._window.evidence])
                 newest = stream.push(seen[views, frame])
             self.assertEqual(len(left), 34)
-            rows = left + [[array[k] for array in stream._evidence[:2]] + [array[k] if k < 4 else None for array in stream._evidence[2:]] for k in range(6)]
+            evidence = stream._window.evidence
+            rows = left + [[array[k] for array in evidence[:2]] + [array[k] if k < 4 else None for array in evidence[2:]] for k in range(6)]
             for j in range(2):
                 matrix, right = np.zeros((40 * dim, 40 * dim)), np.zeros(40 * dim)
                 for t, (information, side, stiffness, c) in enumerate(rows):

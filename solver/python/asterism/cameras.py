@@ -66,8 +66,8 @@ class Camera:
     def undistort(self, pixels: npt.ArrayLike) -> tuple[_Floats, _Floats]:
         """Normalised coordinates (..., 2) of pixels (..., 2), NaN where the distortion has no inverse, and the pixels for a unit of them."""
         seen = np.ascontiguousarray(pixels, float)
-        image, slope = _asterism._pose_undistorted(seen.reshape(-1, 2), self.matrix, self.distortions)
-        return image.reshape(seen.shape), slope.reshape(*seen.shape, 2)
+        sights = _asterism._pose_sights(seen[None], self.matrix[None], self.distortions[None])[0]
+        return sights[..., :2], sights[..., 2:].reshape(*seen.shape, 2)
 
     def _distorted(self, image: _Floats) -> _Floats:
         k1, k2, p1, p2, k3 = self.distortions

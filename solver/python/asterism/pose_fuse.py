@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from typing import Any, Iterable
 
 import numpy as np
 import numpy.typing as npt
 
-from . import inputs
+from . import _asterism, inputs
 from .cameras import Camera
 from .pose_estimate import _PART, _Estimate, _estimate, _estimate_by_parts, _Floats, _lasting, _matrices, _Recording, _systematic, _upper
 from .pose_swaps import exchange_back
@@ -84,9 +83,8 @@ def fuse(
         belief = None if confidence is None else exchanged.apply(recording.belief, couples)
         known = None if recording.deviation is None else exchanged.apply(recording.deviation, couples)
         recording, limbs, pixels = _checked(exchanged.detections, belief, cameras, skeleton, times, known)
-    with warnings.catch_warnings():  # which threads share
-        warnings.simplefilter("ignore", RuntimeWarning)  # medians over joints that a view never sees
-        found = _estimate(recording) if len(recording.times) <= 2 * _PART else _estimate_by_parts(recording)
+    frames = len(recording.times)
+    found = _estimate(recording, 0, frames)[1] if frames <= 2 * _PART else _estimate_by_parts(recording)
     scales, points = found.scales, found.points
     disagreement = scales.disagreement
     covariance = found.covariance
@@ -97,7 +95,7 @@ def fuse(
     lengths, deviations = _limb_lengths(points, covariance, limbs)
     if len(limbs):
         points, covariance = _with_limbs(found, covariance, limbs, lengths, deviations)
-    image = np.array([camera.project(points) for camera in cameras]) if recording.dim == 3 else np.array([points] * len(recording.sights))
+    image = np.array([camera.project(points) for camera in cameras]) if recording.dim == 3 else np.array([points] * len(recording.is_seen))
     return FusedPose(
         points, _matrices(covariance), ~np.isnan(pixels[..., 0]) & (found.probability < 0.5), swapped, lengths, deviations, image,
         scales.noise, np.sqrt(scales.motion), scales.offset, scales.disagreement,
@@ -143,17 +141,15 @@ def _checked(
     limbs = np.zeros((0, 2), np.intp) if skeleton is None else np.array(list(skeleton)).reshape(-1, 2)
     if len(limbs) and (limbs.dtype.kind not in "iu" or (limbs < 0).any() or (limbs >= joints).any() or (limbs[:, 0] == limbs[:, 1]).any()):
         raise ValueError(f"skeleton: expected pairs of two joints, 0 to {joints - 1}")
-    sights = np.zeros((views, frames, joints, 6))
     if cameras is None:
+        sights = np.zeros((views, frames, joints, 6))
         sights[..., :2], sights[..., 2], sights[..., 5] = pixels, 1, 1
         poses = np.zeros((0, 12))
         low, high = np.nanmin(pixels, (0, 1, 2)) if not is_missing.all() else 0, np.nanmax(pixels, (0, 1, 2)) if not is_missing.all() else 0
         area = np.full(views, max(float(np.prod(high - low)), 1.0))
     else:
         poses, area = _calibration(cameras, pixels)
-        for view, camera in enumerate(cameras):
-            sights[view, ..., :2], slope = camera.undistort(pixels[view])
-            sights[view, ..., 2:] = slope.reshape(frames, joints, 4)
+        sights = _sights(cameras, pixels)
     is_seen = np.isfinite(sights).all(-1)
     if not is_seen.any((0, 1)).all():
         raise ValueError(f"detections: joint {int(np.argmin(is_seen.any((0, 1))))} is never seen")
@@ -163,6 +159,12 @@ def _checked(
             sight[~seen, 2:] = np.median(sight[seen, 2:], 0)
     known = None if deviation is None else _deviation(deviation, is_seen)
     return _Recording(sights, is_seen, np.clip(belief, 0.01, 1), when, poses, area, known), limbs, pixels
+
+
+def _sights(cameras: list[Camera], pixels: _Floats) -> _Floats:
+    """(V, T, J, 6): see Camera.undistort."""
+    matrices, distortions = np.array([c.matrix for c in cameras]), np.array([c.distortions for c in cameras])
+    return _asterism._pose_sights(pixels, matrices, distortions, inputs.processors())
 
 
 def _deviation(deviation: Any, is_seen: npt.NDArray[np.bool_]) -> _Floats:

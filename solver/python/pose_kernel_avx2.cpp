@@ -1,0 +1,9 @@
+#define ASTERISM_POSE_LANES 4
+#include "pose_lanes.hpp"
+
+namespace asterism::pose_kernels {
+
+extern const Kernels kAvx2Kernels[2];
+const Kernels kAvx2Kernels[2] = {kernels_of<2>(), kernels_of<3>()};
+
+}  // namespace asterism::pose_kernels
