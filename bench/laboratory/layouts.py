@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 """Programs that draw graphs, on the graphs of files: the stress that they reach and the CPU time that they take.
 
-    layouts.py FILE...
+    layouts.py [FILE...] [--made N [--kinds KIND,...] [--seed S]]
 
 reads lists of edges, `NODE NODE [LENGTH]` a line, as docs/examples/debian_graph.py writes them, or Graphviz's .gv and .gv.gz files. Of
 each graph the largest component is drawn, without directions. The stress of every drawing is computed by asterism.layout_stress from
 the same distances, after the drawing is scaled to its least stress, because the programs have different units; over 20,000 nodes it is
-estimated from the paths of the same 50 nodes for all. It is relative to the least one of the table. "ours" is the CPU time in which asterism.layout (one start) first has no more stress than that program's
-drawing, with everything before it; "-" if it never has. Needs the Python module of Asterism; graphviz, python3-igraph and
+estimated from the paths of the same 50 nodes for all. It is relative to the least one of the table. "ours" is the CPU time in which
+asterism.layout (one start) first has no more stress than that program's drawing, with everything before it; "-" if it never has. --made
+draws ten kinds of random graphs of about N nodes, with a fifth more edges (graphs.py), and ends with a table of all. A program of Graphviz
+that takes longer than --limit is stopped, and a line says so. Needs the Python module of Asterism; graphviz, python3-igraph and
 python3-sklearn add their programs if installed.
 """
 
@@ -32,6 +34,10 @@ from dataclasses import dataclass
 import numpy as np
 
 try:
+    import graphs
+except ImportError:
+    graphs = None
+try:
     import asterism
 except ImportError as error:
     sys.exit(f"layouts.py: {error}")
@@ -45,6 +51,11 @@ except ImportError:
     manifold = None
 
 Edges = list[tuple[int, int, float]]
+Row = tuple[str, float, float]  # program, stress, CPU seconds
+
+
+class limit:
+    seconds = 600.0  # of wall-clock time for a program of Graphviz
 
 
 class BadInput(Exception):
@@ -106,7 +117,7 @@ def graphviz(command: str) -> Callable[[Edges, int], np.ndarray]:
         text = f"graph {{{nodes}" + "".join(f"{i}--{j}[len={length}];" for i, j, length in edges) + "}"
         out = subprocess.run(
             [*shlex.split(command), "-Goverlap=true", "-Gsplines=", "-Nshape=point", "-Nlabel=", "-Tplain"],
-            input=text, capture_output=True, text=True, check=True,
+            input=text, capture_output=True, text=True, check=True, timeout=limit.seconds,
         ).stdout  # fmt: skip
         x = np.zeros((n, 2))
         for words in map(str.split, out.splitlines()):
@@ -189,36 +200,63 @@ def stress_of(edges: Edges, x: np.ndarray) -> float:
     return (len(sources) * (n - 1) - products**2 / squares) * n / len(sources) / 2
 
 
-def compare(name: str, edges: Edges, chosen: list[Program]) -> None:
+def compare(name: str, edges: Edges, chosen: list[Program]) -> list[Row]:
     n = 1 + max(max(i, j) for i, j, _ in edges)
     print(f"\n{name}: {n} nodes, {len(edges)} edges", flush=True)
-    rows = []
+    rows: list[Row] = []
     for program in chosen:
         if n > program.most:
             continue
         begin = cpu_seconds()
         try:
             x = program.draw(edges, n)
-        except (OSError, subprocess.CalledProcessError, MemoryError, ValueError) as error:
+        except (OSError, subprocess.SubprocessError, MemoryError, ValueError) as error:
             print(f"{program.name}: {error}")
             continue
         seconds = cpu_seconds() - begin
         rows.append((program.name, stress_of(edges, x), seconds))
     if not rows:
-        return
+        return rows
     ours = descent(edges) if n <= 3000 else []
     least = min(stress for _, stress, _ in rows) or 1.0
     print(f"{'program':22} {'stress':>12} {'relative':>9} {'time [s]':>9} {'ours [s]':>9}")
     for program, stress, seconds in rows:
         reached = next((f"{at:9.3f}" for at, energy in ours if energy <= stress), f"{'-':>9}")
         print(f"{program:22} {stress:12.6g} {stress / least:9.4f} {seconds:9.3f} {reached}", flush=True)
+    return rows
+
+
+def compare_made(options: argparse.Namespace, chosen: list[Program]) -> None:
+    """The made graphs, and a table of stress relative to the first program's."""
+    if not graphs:
+        raise BadInput("--made: needs SciPy (Debian package python3-scipy)")
+    kinds = options.kinds.split(",") if options.kinds else list(graphs.KINDS)
+    if unknown := [kind for kind in kinds if kind not in graphs.KINDS]:
+        raise BadInput(f"no kind of graphs is named {unknown[0]}; there are {', '.join(graphs.KINDS)}")
+    lines = []
+    for kind in kinds:
+        pairs = graphs.KINDS[kind](np.random.default_rng([options.seed, options.made]), options.made)
+        rows = compare(kind, [(i, j, 1.0) for i, j in pairs.tolist()], chosen)
+        cells = [f"{name} {stress / rows[0][1]:.3f} ({seconds:.1f} s)" for name, stress, seconds in rows]
+        lines.append(f"| {kind} | {1 + pairs.max()}, {len(pairs)} | " + " | ".join(cells) + " |")
+    print(f"\nstress relative to that of the first program, and CPU time; seed {options.seed}")
+    print("\n".join(lines), flush=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("files", nargs="+", type=pathlib.Path, help="lists of edges, or files of Graphviz")
+    parser.add_argument("files", nargs="*", type=pathlib.Path, help="lists of edges, or files of Graphviz")
+    parser.add_argument("--made", type=int, metavar="N", help="also random graphs of about so many nodes")
+    parser.add_argument("--kinds", help="of --made, separated by commas (default: all)")
+    parser.add_argument("--seed", type=int, default=1, help="of --made")
+    parser.add_argument("--limit", type=float, default=limit.seconds, help="of the wall-clock time of a program of Graphviz [s] (%(default)g)")
     parser.add_argument("--programs", help="names, separated by commas (default: all)")
     options = parser.parse_args()
+    if not options.files and options.made is None:
+        parser.error("needs a FILE or --made")
+    if options.made is not None and options.made < 100:
+        parser.error("--made: expected at least 100 nodes")
+    limit.seconds = options.limit
     chosen = list(programs())
     if options.programs:
         known = {program.name.rstrip("*"): program for program in chosen}
@@ -229,6 +267,8 @@ def main() -> None:
         print("* scikit-learn's SMACOF has no weights: it minimises another stress, with weight 1 for all pairs.")
     for path in options.files:
         compare(path.name, largest_component(lines_of(path), str(path)), chosen)
+    if options.made is not None:
+        compare_made(options, chosen)
 
 
 if __name__ == "__main__":

@@ -211,6 +211,22 @@ Section: games
         run = subprocess.run([sys.executable, str(script), str(edges)], capture_output=True, text=True)
         self.assertEqual((run.returncode, run.stderr), (1, f"layouts.py: {edges}:2: expected NODE NODE [LENGTH]\n"))
 
+    def test_drawings_of_made_graphs(self):
+        script = PROJECT / "bench/laboratory/layouts.py"
+        command = [sys.executable, str(script), "--made", "300", "--programs", "asterism,asterism auto"]
+        run = subprocess.run(command, capture_output=True, text=True)
+        self.assertEqual((run.returncode, run.stderr), (0, ""), run.stdout)
+        rows = [line.split("|")[1:-1] for line in run.stdout.splitlines() if line.startswith("| ")]
+        self.assertEqual(len({row[0] for row in rows}), 10)
+        for kind, size, first, other in rows:
+            nodes, edges = map(int, size.split(","))
+            self.assertTrue(250 <= nodes <= 350 and 1.15 < edges / nodes < 1.45, kind)
+            self.assertIn("asterism 1.000 (", first)
+            self.assertRegex(other, r"asterism auto [01]\.\d")
+        run = subprocess.run([*command, "--kinds", "tree"], capture_output=True, text=True)
+        self.assertEqual(run.returncode, 1)
+        self.assertIn("no kind of graphs is named tree", run.stderr)
+
     def test_boxes_of_other_programs(self):
         run = subprocess.run(
             [sys.executable, str(PROJECT / "bench/laboratory/boxes.py"), "--nodes", "60", "--fills", "0.2"],

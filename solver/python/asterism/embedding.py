@@ -545,7 +545,7 @@ def sampled_starts(
         system = _asterism.System(len(sample), dim=dim)
         system.add_links(np.column_stack([i, j]), among[i, j], 1.0 if weights is None else weights[sample[i], sample[j]])
         held = _classical(among[None], dim)[0]
-        system.solve(held, "multi-start", starts=8, spread=2.0, seed=seed, hold_floating=True)
+        system.solve(held, "multi-start", starts=8, spread=2.0, seed=seed, hold_floating=True, tolerance=1e-3)  # a start needs no more
         shares = np.ones((1, len(sample))) if weights is None else weights[np.ix_(nodes, sample)]
         x[nodes] = _asterism._place(held, np.ascontiguousarray(to_all.T), shares, np.empty((0, dim)), 1)
         if (hold[nodes] > 0).any():
