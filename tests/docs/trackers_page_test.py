@@ -240,8 +240,8 @@ def phone(browser, page, _):
 
 def pictures(browser, page, folder):
     folder.mkdir(parents=True, exist_ok=True)
-    for clip, name, frame, show in (('drawn', 'dpt', 66, 'parts+springs+best+true'), ('drawn', 'lgt', 50, 'parts+springs'), ('drawn', 'kcf', 66, 'parts+true'),
-                                    ('drawn', 'dpt_plus', 110, 'parts+springs'), ('pedestrian', 'dpt_plus', 30, 'parts+springs'), ('pedestrian', 'lgt', 90, 'parts')):
+    for clip, name, frame, show in (('drawn', 'dpt', 66, 'parts+springs+best+true'), ('drawn', 'lgt', 50, 'parts+springs'),
+                                    ('drawn', 'kcf', 66, 'parts+true'), ('drawn', 'dpt_plus', 110, 'parts+springs'), ('pedestrian', 'dpt_plus', 30, 'parts+springs'), ('pedestrian', 'lgt', 90, 'parts')):
         for dark in (False, True):
             for width, height in ((1280, 800), (375, 1500)):
                 browser.resize(width, height, dark)

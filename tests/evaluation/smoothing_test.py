@@ -62,7 +62,11 @@ class SmoothingTest(ScriptCase):
 
     def test_damaged_files(self):
         truth = self.root / "data/box/groundtruth.txt"
-        for text, reason in (("0,0,20,20\n0,zero,20,20\n", "groundtruth.txt:2: not numbers"), ("0,0,20\n", "groundtruth.txt:1: neither"), ("", "no annotation")):
+        for text, reason in (
+            ("0,0,20,20\n0,zero,20,20\n", "groundtruth.txt:2: not numbers"),
+            ("0,0,20\n", "groundtruth.txt:1: neither"),
+            ("", "no annotation"),
+        ):
             truth.write_text(text)
             done = self.run_on("--of", "0")
             self.assertEqual(done.returncode, 1)
