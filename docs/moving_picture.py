@@ -4,6 +4,7 @@
 A pedestrian of Debian's vtest.avi (trackers/tools/demo.sh fetches it) who walks behind a lamp post and back, with the box, the parts and the
 springs of a tracker. Every second frame, enlarged. Needs OpenCV's Python module and Pillow.
 """
+import pathlib
 import sys
 
 import asterism
@@ -33,6 +34,8 @@ def drawn(image, result, corner):
 
 
 def main(video, out):
+    if not pathlib.Path(video).is_file():
+        sys.exit(f'moving_picture.py: {video}: no such file; `bash trackers/tools/demo.sh` fetches it to build/demo/data/vtest.avi')
     frames = cv2.VideoCapture(video)
     for _ in range(START - 1):
         frames.grab()

@@ -75,6 +75,8 @@ def read_folds(path):
         lines = Path(path).read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{path}: not a file of folds: {error}") from error
     for number, line in enumerate(lines, 1):
         if not line.strip() or line.startswith("#"):
             continue

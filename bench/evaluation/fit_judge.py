@@ -79,6 +79,12 @@ def read(path):
     missing = {"tracker", "kind", "sequence", "overlap", "weak", *LIKENESSES} - set(rows[0] if rows else ())
     if missing:
         raise BadInput(f"{path}: the columns {', '.join(sorted(missing))} are missing")
+    for number, row in enumerate(rows, 2):
+        for name in ("overlap", *LIKENESSES):
+            try:
+                float(row[name])
+            except (TypeError, ValueError):
+                raise BadInput(f"{path}:{number}: the {name} {row[name]} is not a number") from None
     return rows
 
 

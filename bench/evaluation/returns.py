@@ -24,22 +24,37 @@ COLUMNS = {"tracker", "kind", "sequence", "state", "overlap", "milliseconds"}
 MADE = "all made"
 
 
+def number_of(text):
+    """NaN for a text that is not a number."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 def read_rows(paths, columns):
-    """The rows of files of asterism-returns, which have at least these columns; `overlap` is a number, NaN where the frame does not count."""
+    """The rows of files of asterism-returns, which have at least these columns; `overlap` is a number, NaN where the frame does not count,
+    and so is `milliseconds`, if it is one of the columns."""
     for path in paths:
-        with open(path, newline="", encoding="utf-8") as file:
-            rows = csv.DictReader(file)
-            if missing := columns - set(rows.fieldnames or ()):
-                raise BadInput(f"{path}: the columns {', '.join(sorted(missing))} are missing")
-            for number, row in enumerate(rows, 2):
-                text = row["overlap"]
-                try:
-                    row["overlap"] = float(text) if text else math.nan
-                except ValueError:
-                    row["overlap"] = math.nan
-                if text and not 0 <= row["overlap"] <= 1:
-                    raise BadInput(f"{path}:{number}: the overlap {text} is not in [0, 1]")
-                yield row
+        try:
+            with open(path, newline="", encoding="utf-8") as file:
+                rows = csv.DictReader(file)
+                if missing := columns - set(rows.fieldnames or ()):
+                    raise BadInput(f"{path}: the columns {', '.join(sorted(missing))} are missing")
+                for row in rows:
+                    where = f"{path}:{rows.line_num}"
+                    if None in row or None in row.values():
+                        raise BadInput(f"{where}: expected {len(rows.fieldnames)} values")
+                    text, row["overlap"] = row["overlap"], number_of(row["overlap"])
+                    if text and not 0 <= row["overlap"] <= 1:
+                        raise BadInput(f"{where}: the overlap {text} is not in [0, 1]")
+                    if "milliseconds" in columns:
+                        text, row["milliseconds"] = row["milliseconds"], number_of(row["milliseconds"])
+                        if not 0 <= row["milliseconds"] < math.inf:
+                            raise BadInput(f"{where}: the milliseconds {text} are not a number >= 0")
+                    yield row
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise BadInput(f"{path}: not a CSV file: {error}") from error
 
 
 def read(paths, sequences):
@@ -47,7 +62,7 @@ def read(paths, sequences):
     found = defaultdict(lambda: defaultdict(lambda: defaultdict(list)))
     for row in read_rows(paths, COLUMNS):
         if row["sequence"] in sequences:
-            found[row["kind"], row["tracker"]][row["sequence"]][row["state"]].append((row["overlap"], float(row["milliseconds"])))
+            found[row["kind"], row["tracker"]][row["sequence"]][row["state"]].append((row["overlap"], row["milliseconds"]))
     return found
 
 

@@ -31,8 +31,17 @@ def start_offsets(starts):
 
 def regions(sequence):
     """The annotated regions, and their boxes (N, 4): of a polygon the bounding box."""
-    lines = [np.array([float(v) for v in line.split(",")]) for line in (sequence / "groundtruth.txt").read_text().split()]
-    boxes = []
+    path = sequence / "groundtruth.txt"
+    lines, boxes = [], []
+    for number, line in enumerate(path.read_text(errors="replace").split(), 1):
+        try:
+            lines.append(np.array([float(v) for v in line.split(",")]))
+        except ValueError:
+            raise BadInput(f"{path}:{number}: not numbers separated by commas: {line[:60]}") from None
+        if len(lines[-1]) < 4 or len(lines[-1]) % 2:
+            raise BadInput(f"{path}:{number}: neither a box nor a polygon: {line[:60]}")
+    if not lines:
+        raise BadInput(f"{path}: no annotation in the file")
     for v in lines:
         low, high = v.reshape(-1, 2).min(0), v.reshape(-1, 2).max(0)
         boxes.append(v if len(v) == 4 else [*low, *(high - low)])
@@ -56,7 +65,10 @@ def read_or_track(file, *of):
         boxes = track(*of)
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text("1\n" + "".join(",".join(f"{v:.4f}" for v in box) + "\n" for box in boxes[1:]))
-    return np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2)
+    try:
+        return np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2)
+    except ValueError as error:
+        raise BadInput(f"{file}: damaged, remove it to make it again: {error}") from error
 
 
 def overlaps(a, b):

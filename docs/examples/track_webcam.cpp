@@ -1,5 +1,6 @@
 // Track with a webcam: draw a box around the object, press Enter; Esc stops.
 #include <asterism/trackers/tracker/opencv_tracker.hpp>
+#include <iostream>
 #include <opencv2/highgui.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
@@ -7,7 +8,7 @@
 int main() {
   cv::VideoCapture camera(0);
   cv::Mat image;
-  if (!camera.read(image)) return 1;
+  if (!camera.read(image)) return std::cerr << "no image from camera 0\n", 1;
   cv::Rect box = cv::selectROI("track", image);
   if (box.empty()) return 0;
   // Was cv::TrackerCSRT::create().

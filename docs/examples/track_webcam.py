@@ -7,6 +7,8 @@ ok, image = camera.read()
 if not ok:
     raise SystemExit("no image from camera 0")
 box = cv2.selectROI("track", image)
+if not any(box):
+    raise SystemExit("no box was drawn")
 tracker = asterism.OpenCvTracker.create("dpt_plus")  # was cv2.TrackerCSRT.create()
 tracker.init(image, box)
 while ok:

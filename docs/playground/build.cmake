@@ -4,7 +4,8 @@
 cmake_minimum_required(VERSION 3.21)
 set(here ${PROJECT_SOURCE_DIR}/docs/playground)
 file(MAKE_DIRECTORY ${FOLDER})
-foreach(file playground.html playground.css theme.js playground.js presets.js trackers.html trackers.js trackers-data.js)
+foreach(file playground.html playground.css theme.js playground.js presets.js trackers.html trackers.js trackers-data.js
+             pedestrian-data.js)
   file(COPY ${here}/${file} DESTINATION ${FOLDER})
 endforeach()
 

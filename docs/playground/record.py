@@ -1,14 +1,17 @@
 #!/usr/bin/env python3
-"""record.py [FILE]: draws a clip, runs trackers on it and writes trackers-data.js, which trackers.html shows.
+"""record.py [FILE] [--video VTEST_AVI]: runs trackers on a clip and writes what trackers.html shows.
 
-Needs the package asterism (docs/python.md), NumPy and Pillow:
+Needs the package asterism (docs/python.md), NumPy and Pillow; --video also needs OpenCV's Python module:
 
     PYTHONPATH=build/release/solver/python python3 docs/playground/record.py
+    PYTHONPATH=build/release/solver/python python3 docs/playground/record.py --video build/demo/data/vtest.avi
 
-The clip is the same on each run: a textured object bends, turns and grows while it passes behind a post and then enters a
-shadow. The trackers see the frames as drawn; the file holds them as JPEG, as one background and the part of each frame
-that differs from it.
+The first command draws the clip, the same on each run, and writes trackers-data.js: a textured object bends, turns and grows while it
+passes behind a post and then enters a shadow. The second one takes a pedestrian of a public video, which trackers/tools/demo.sh
+fetches, and writes pedestrian-data.js; where the object truly is was not annotated there. The trackers see the frames as they are; the
+files hold them as JPEG, as one background and a part of each frame: what differs from it, or the surroundings of the boxes.
 """
+import argparse
 import base64
 import io
 import json
@@ -24,6 +27,9 @@ HALF = np.array([30.0, 38.0])  # half the object's size [px]
 POST = (142, 164)              # columns
 SHADOW = 0.45                  # brightness in it
 QUALITY = 62
+# Of vtest.avi, as in trackers/tools/demo.sh: the first frame's number, how many frames, the box, the frames behind the lamp post and its sign.
+PEDESTRIAN_START, PEDESTRIAN_FRAMES, PEDESTRIAN_BOX, BEHIND = 244, 133, (641, 264, 42, 108), ((277, 283), (354, 359))
+PEDESTRIAN_QUALITY, VIEW, MARGIN = 45, (216, 130, 496, 310), 8  # the part of the image that is shown, and around the boxes [px]
 TRACKERS = [
     ('dpt', {'grid_rows': 3}, 'DPT with six parts, each a correlation filter, under a filter of the whole object'),
     ('dpt_plus', {'grid_rows': 3}, 'DPT with a root that learns from its surroundings, and a scale filter'),
@@ -96,9 +102,9 @@ class Clip:
         return x, y, (np.abs(x / HALF[0]) ** 4 + np.abs(y / HALF[1]) ** 4) ** 0.25
 
 
-def jpeg(pixels):
+def jpeg(pixels, quality=QUALITY):
     with io.BytesIO() as file:
-        Image.fromarray(pixels[..., ::-1]).save(file, 'JPEG', quality=QUALITY, optimize=True)
+        Image.fromarray(pixels[..., ::-1]).save(file, 'JPEG', quality=quality, optimize=True)
         return 'data:image/jpeg;base64,' + base64.b64encode(file.getvalue()).decode()
 
 
@@ -120,16 +126,21 @@ def rounded(values, digits=2):
     return [round(float(v), digits) for v in values]
 
 
-def follow(name, options, frames, boxes):
-    """The recorded answers of a tracker. The first frame, in which the box is given, has only a box."""
+def follow(name, options, frames, box, corner=(0, 0)):
+    """The recorded answers of a tracker, relative to the corner. The first frame, in which the box is given, has only a box."""
     tracker = asterism.Tracker(name, options)
-    tracker.init(frames[0], boxes[0])
-    answers, links = [{'box': rounded(boxes[0])}], None
-    for image, box in zip(frames[1:], boxes[1:]):
+    tracker.init(frames[0], box)
+    left, top = corner
+
+    def placed(b):
+        return rounded([b[0] - left, b[1] - top, b[2], b[3]])
+
+    answers, links = [{'box': placed(box)}], None
+    for image in frames[1:]:
         result = tracker.update(image)
-        answer = {'box': rounded(result.box), 'angle': round(result.angle, 4), 'confidence': round(result.confidence, 4),
-                  'lost': bool(result.lost), 'overlap': round(overlap(result.box, box), 4), 'threshold': round(result.update_threshold, 4),
-                  'parts': [[*rounded([*p.position, *p.visual_best], 1), round(p.weight, 3), int(p.updated)] for p in result.parts]}
+        parts = [[*rounded([*(p.position - corner), *(p.visual_best - corner)], 1), round(p.weight, 3), int(p.updated)] for p in result.parts]
+        answer = {'box': placed(result.box), 'angle': round(result.angle, 4), 'confidence': round(result.confidence, 4),
+                  'lost': bool(result.lost), 'threshold': round(result.update_threshold, 4), 'parts': parts}
         if result.parts:
             assert len({tuple(p.size) for p in result.parts}) == 1  # true of these trackers
             answer['size'] = rounded(result.parts[0].size, 1)
@@ -139,8 +150,47 @@ def follow(name, options, frames, boxes):
     return answers
 
 
-def main():
-    output = pathlib.Path(sys.argv[1]) if len(sys.argv) > 1 else pathlib.Path(__file__).with_name('trackers-data.js')
+def surroundings(image, background, boxes):
+    """[x, y, image] of the part around the boxes."""
+    boxes = np.array(boxes)
+    low = np.clip(boxes[:, :2].min(0) - MARGIN, 0, None).astype(int)
+    high = np.clip((boxes[:, :2] + boxes[:, 2:]).max(0) + MARGIN, 0, background.shape[1::-1]).astype(int)
+    return [int(low[0]), int(low[1]), jpeg(np.ascontiguousarray(image[low[1]:high[1], low[0]:high[0]]), PEDESTRIAN_QUALITY)]
+
+
+def read_video(path):
+    """The frames of the pedestrian."""
+    import cv2
+    if not pathlib.Path(path).is_file():
+        sys.exit(f'record.py: {path}: no such file; `bash trackers/tools/demo.sh` fetches it to build/demo/data/vtest.avi')
+    video = cv2.VideoCapture(str(path))
+    last = PEDESTRIAN_START + PEDESTRIAN_FRAMES - 1  # numbers are from 1
+    frames = [video.read()[1] for _ in range(last)][PEDESTRIAN_START - 1:]
+    if any(frame is None for frame in frames):
+        sys.exit(f'record.py: {path}: no video, or it ends before frame {last}')
+    return frames
+
+
+def pedestrian(path):
+    """The recording of the pedestrian."""
+    frames = read_video(path)
+    left, top, width, height = VIEW
+    shown = [frame[top:top + height, left:left + width] for frame in frames]
+    background = np.median(shown[::4], axis=0).astype(np.uint8)
+    trackers = []
+    for name, options, about in TRACKERS:
+        answers = follow(name, options, frames, PEDESTRIAN_BOX, (left, top))
+        trackers.append({'name': name, 'options': options, 'about': about, 'frames': answers})
+        print(f'{name}: {len(answers[-1]["parts"])} parts, last box {answers[-1]["box"]}')
+    patches = [surroundings(image, background, [tracker['frames'][t]['box'] for tracker in trackers]) for t, image in enumerate(shown)]
+    hidden = [1 if any(a <= t + PEDESTRIAN_START <= b for a, b in BEHIND) else 0 for t in range(len(frames))]
+    clip = {'width': width, 'height': height, 'rate': 10, 'background': jpeg(background), 'frames': patches,
+            'hidden': hidden, 'shaded': [0] * len(frames)}
+    return {'clip': clip, 'trackers': trackers}
+
+
+def drawn():
+    """The recording of the drawn clip."""
     clip = Clip()
     frames, boxes, shares = zip(*(clip.frame(t) for t in range(FRAMES)))
     background, _, _ = clip.frame(0, with_object=False)
@@ -149,12 +199,25 @@ def main():
                      'hidden': [round(float(h), 3) for h, _ in shares], 'shaded': [round(float(s), 3) for _, s in shares]},
             'trackers': []}
     for name, options, about in TRACKERS:
-        answers = follow(name, options, frames, boxes)
+        answers = follow(name, options, frames, boxes[0])
+        for answer, box in zip(answers[1:], boxes[1:]):
+            answer['overlap'] = round(overlap(answer['box'], box), 4)
         data['trackers'].append({'name': name, 'options': options, 'about': about, 'frames': answers})
         overlaps = [a['overlap'] for a in answers[1:]]
         print(f'{name}: {len(answers[-1]["parts"])} parts, mean overlap {np.mean(overlaps):.3f}, smallest {min(overlaps):.3f}')
+    return data
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('file', nargs='?', type=pathlib.Path)
+    parser.add_argument('--video', type=pathlib.Path)
+    arguments = parser.parse_args()
+    name, variable = ('pedestrian-data.js', 'PEDESTRIAN') if arguments.video else ('trackers-data.js', 'RECORDING')
+    output = arguments.file or pathlib.Path(__file__).with_name(name)
+    data = pedestrian(arguments.video) if arguments.video else drawn()
     text = json.dumps(data, separators=(',', ':'), allow_nan=False)
-    output.write_text('// Written by record.py; not edited by hand.\nconst RECORDING = ' + text + ';\n')
+    output.write_text(f'// Written by record.py; not edited by hand.\nconst {variable} = ' + text + ';\n')
     print(f'{output.name}: {output.stat().st_size / 1000:.0f} kB')
 
 

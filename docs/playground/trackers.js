@@ -1,18 +1,23 @@
 'use strict';
-/* The results of four trackers on one clip. RECORDING (trackers-data.js) is written by record.py:
+/* The results of four trackers on a clip. RECORDING (trackers-data.js) and PEDESTRIAN (pedestrian-data.js) are written by record.py:
  * clip.background and clip.frames[t] = [x, y, image of the part that differs from it]; trackers[k].frames[t] = {box, angle,
  * confidence, lost, overlap, threshold, size, parts: [[x, y, x where it looks best, y, weight, updated]], links}. Links are left
- * out if they are those of the frame before. The first frame, in which the box is given, has only a box. */
+ * out if they are those of the frame before. The first frame, in which the box is given, has only a box. A clip without
+ * annotation has no clip.boxes, and its frames no overlap. */
 (() => {
 const $ = (id) => document.getElementById(id);
-const CLIP = RECORDING.clip, TRACKERS = RECORDING.trackers, COUNT = CLIP.frames.length;
+// `opening`: the frame on which the clip opens; the object begins to pass behind the post, so that parts and springs are seen.
+const CLIPS = [
+  {name: 'drawn', title: 'a drawn object', opening: 46, ...RECORDING},
+  {name: 'pedestrian', title: 'a pedestrian', opening: 28, ...PEDESTRIAN},
+];
 const X = 0, Y = 1, BEST_X = 2, BEST_Y = 3, WEIGHT = 4, UPDATED = 5;
 const SHOWS = ['parts', 'springs', 'best', 'true'];
 const HUES = [210, 275, 325, 25, 55, 150];  // of parts
 const LEFT = 26, RIGHT = 8, TOP = 6, BOTTOM = 18;  // margins of a chart [px]
 const TRUE_BOX = '#ffffff', BOX = '#ffe14d', DARK = 'rgba(0, 0, 0, .65)';
 
-for (const tracker of TRACKERS) {
+for (const tracker of CLIPS.flatMap((c) => c.trackers)) {
   let links = [];
   for (const frame of tracker.frames) { links = frame.links || links; frame.links = links; frame.parts = frame.parts || []; }
   const counts = new Set(tracker.frames.slice(1).map((f) => f.parts.length));
@@ -21,10 +26,8 @@ for (const tracker of TRACKERS) {
   tracker.isGated = tracker.frames.some((f) => f.threshold > 0);
 }
 
-// The page opens where the object begins to pass behind the post, so that parts and springs are seen.
-const OPENING = 46;
-
-let tracker = TRACKERS[0], at = OPENING, selected = -1, isPlaying = false, began = 0, isDirty = true, stateTimer = 0;
+let clip = CLIPS[0], CLIP = clip.clip, TRACKERS = clip.trackers, COUNT = CLIP.frames.length;
+let tracker = TRACKERS[0], at = clip.opening, selected = -1, isPlaying = false, began = 0, isDirty = true, stateTimer = 0;
 const answer = () => tracker.frames[at];
 
 // --- Images -------------------------------------------------------------------------------------------------------
@@ -34,9 +37,11 @@ function picture(source) {
   image.src = source;
   return {image, ready: image.decode()};
 }
-const background = picture(CLIP.background);
-const patches = CLIP.frames.map(([x, y, source]) => ({x, y, ...picture(source)}));
-const loaded = Promise.all([background, ...patches].map((p) => p.ready));
+for (const c of CLIPS) {
+  c.background = picture(c.clip.background);
+  c.patches = c.clip.frames.map(([x, y, source]) => ({x, y, ...picture(source)}));
+}
+const loaded = Promise.all(CLIPS.flatMap((c) => [c.background, ...c.patches]).map((p) => p.ready));
 
 // --- Drawing ------------------------------------------------------------------------------------------------------
 
@@ -77,8 +82,8 @@ function drawFrame() {
   g.translate(left, top);
   g.scale(scale, scale);
   g.beginPath(); g.rect(0, 0, CLIP.width, CLIP.height); g.clip();
-  if (background.image.complete) g.drawImage(background.image, 0, 0);
-  const patch = patches[at];
+  if (clip.background.image.complete) g.drawImage(clip.background.image, 0, 0);
+  const patch = clip.patches[at];
   if (patch.image.complete) g.drawImage(patch.image, patch.x, patch.y);
   g.translate(0.5, 0.5);
   const px = 1 / scale;
@@ -88,7 +93,7 @@ function drawFrame() {
   };
   const box = ([x, y, width, height], style, dash) => { g.beginPath(); g.rect(x - 0.5, y - 0.5, width, height); stroke(2, style, dash); };
   const frame = answer(), many = frame.parts.length > 12;
-  if ($('show-true').checked) box(CLIP.boxes[at], TRUE_BOX, [6, 5]);
+  if ($('show-true').checked && CLIP.boxes) box(CLIP.boxes[at], TRUE_BOX, [6, 5]);
   box(frame.box, BOX);
   if ($('show-springs').checked) {
     for (const [i, j] of frame.links) {
@@ -197,7 +202,7 @@ function drawQuality() {
     line(of('confidence'), color('confidence'), 1.7, [5, 3]);
     line(of('overlap'), color('overlap'), 2.2);
     g.fillStyle = color('overlap');
-    if (at > 0) { g.beginPath(); g.arc(x(at), y(answer().overlap), 4, 0, 7); g.fill(); }
+    if (at > 0 && CLIP.boxes) { g.beginPath(); g.arc(x(at), y(answer().overlap), 4, 0, 7); g.fill(); }
   });
 }
 
@@ -220,7 +225,7 @@ function writeStatus() {
   const parts = [];
   if (at === 0) parts.push('The start: the box is given, and the parts are learned in it.');
   else {
-    parts.push(`Overlap with the true box ${fixed(frame.overlap)}, confidence ${fixed(frame.confidence)}${frame.lost ? '; the tracker reports the object as lost' : ''}.`);
+    parts.push(`${CLIP.boxes ? `Overlap with the true box ${fixed(frame.overlap)}, confidence` : 'Confidence'} ${fixed(frame.confidence)}${frame.lost ? '; the tracker reports the object as lost' : ''}.`);
     if (tracker.isGated) {
       const still = frame.parts.flatMap((p, i) => p[UPDATED] ? [] : [i + 1]);
       parts.push(still.length === 0 ? 'All parts learn.' : still.length === frame.parts.length ? 'No part learns.' : `Not learning: ${still.length > 1 ? 'parts' : 'part'} ${still.join(', ')}.`);
@@ -244,6 +249,7 @@ function writeParts() {
 }
 
 function writeOverlaps() {
+  if (!CLIP.boxes) return;
   $('overlaps').tBodies[0].replaceChildren(...TRACKERS.map((t) => {
     const overlaps = t.frames.slice(1).map((f) => f.overlap);
     const tr = row([t.name, fixed(t.frames[at].overlap), fixed(mean(overlaps)), fixed(Math.min(...overlaps))], () => choose(t));
@@ -264,6 +270,15 @@ function writeTracker() {
   for (const s of ['parts', 'springs', 'best']) $('show-' + s).disabled = tracker.parts === 0;
 }
 
+function writeClip() {
+  $('clip').value = clip.name;
+  $('scrub').max = COUNT - 1;
+  $('show-true').disabled = $('overlaps').hidden = !CLIP.boxes;
+  $('quality-title').textContent = CLIP.boxes ? 'Confidence and overlap' : 'Confidence';
+  for (const e of document.querySelectorAll('.of-truth')) e.hidden = !CLIP.boxes;
+  for (const e of document.querySelectorAll('.of-shadow')) e.hidden = !CLIP.shaded.some((v) => v > 0);
+}
+
 // --- State --------------------------------------------------------------------------------------------------------
 
 function redraw() { if (!isDirty) { isDirty = true; requestAnimationFrame(draw); } }
@@ -274,6 +289,14 @@ function draw() {
 function go(frame) {
   at = Math.max(0, Math.min(COUNT - 1, Math.round(frame)));
   redraw(); keepState();
+}
+function show(next) {
+  if (next === clip) return;
+  pause();
+  clip = next; CLIP = clip.clip; TRACKERS = clip.trackers; COUNT = CLIP.frames.length;
+  at = clip.opening; selected = -1;
+  tracker = TRACKERS.find((t) => t.name === tracker.name);
+  writeClip(); writeTracker(); redraw(); keepState();
 }
 function choose(next) { if (!next.areSame || next.parts !== tracker.parts) selected = -1; tracker = next; writeTracker(); redraw(); keepState(); }
 function select(part) { if (tracker.areSame && tracker.parts > 0) { selected = part; redraw(); keepState(); } }
@@ -299,12 +322,13 @@ function keepState() {
   clearTimeout(stateTimer);
   if (isPlaying) return;
   stateTimer = setTimeout(() => {
-    const show = SHOWS.filter((s) => $('show-' + s).checked).join('+');
-    history.replaceState(null, '', `#tracker=${tracker.name}&frame=${at}${selected >= 0 ? `&part=${selected + 1}` : ''}&show=${show}`);
+    const shows = SHOWS.filter((s) => $('show-' + s).checked).join('+');
+    history.replaceState(null, '', `#${clip === CLIPS[0] ? '' : `clip=${clip.name}&`}tracker=${tracker.name}&frame=${at}${selected >= 0 ? `&part=${selected + 1}` : ''}&show=${shows}`);
   }, 300);
 }
 function readState() {
   const fields = Object.fromEntries(location.hash.slice(1).split('&').map((f) => f.split('=')));
+  show(CLIPS.find((c) => c.name === fields.clip) || CLIPS[0]);
   tracker = TRACKERS.find((t) => t.name === fields.tracker) || tracker;
   const frame = Number(fields.frame), part = Number(fields.part);
   if (Number.isInteger(frame) && frame >= 0 && frame < COUNT) at = frame;
@@ -360,8 +384,10 @@ function scrubOn(canvas) {
 }
 
 function begin() {
+  for (const {name, title} of CLIPS) $('clip').add(new Option(title, name));
   for (const {name} of TRACKERS) $('tracker').add(new Option(name, name));
-  $('scrub').max = COUNT - 1;
+  writeClip();
+  $('clip').onchange = () => show(CLIPS[$('clip').selectedIndex]);
   $('tracker').onchange = () => choose(TRACKERS[$('tracker').selectedIndex]);
   $('scrub').oninput = () => { pause(); go(Number($('scrub').value)); };
   $('play').onclick = play;
@@ -383,7 +409,7 @@ loaded.then(() => {
   // For the tests, and for use in the console.
   window.viewer = {
     isIdle: () => !isDirty && !isPlaying,
-    state: () => ({tracker: tracker.name, frame: at, selected, parts: answer().parts.length, rows: $('parts').tBodies[0].rows.length}),
+    state: () => ({clip: clip.name, tracker: tracker.name, frame: at, selected, parts: answer().parts.length, rows: $('parts').tBodies[0].rows.length}),
   };
 }, (error) => { $('status').textContent = `The images of the clip: ${error.message}`; });
 })();

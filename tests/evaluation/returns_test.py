@@ -49,6 +49,25 @@ class ReturnsTest(ScriptCase):
             self.assertEqual(result.returncode, 1)
             self.assertIn(error, result.stderr)
 
+    def test_bad_numbers(self):
+        for line, error in (
+            ("t,cut,a,1,before,0.5,fast", "returns.csv:3: the milliseconds fast are not a number"),
+            ("t,cut,a,1,before,0.5,nan", "returns.csv:3: the milliseconds nan"),
+            ("t,cut,a,1,before,0.5,-1", "returns.csv:3: the milliseconds -1"),
+            ("t,cut,a,1,before,0.5,inf", "returns.csv:3: the milliseconds inf"),
+            ("t,cut,a,1,before,0.5,", "returns.csv:3: the milliseconds "),
+            ("t,cut,a,1,before,much,2", "returns.csv:3: the overlap much"),
+            ("t,cut,a,1,before", "returns.csv:3: expected 7 values"),
+            ("t,cut,a,1,before,0.5,2,3", "returns.csv:3: expected 7 values"),
+            ("t,cut,a,1,before,0.5,2\xff", "not a CSV file"),
+        ):
+            text = RETURNS_HEAD + "t,cut,a,0,before,0.5,2\n" + line + "\n"
+            (self.root / "returns.csv").write_bytes(text.encode("latin-1"))
+            result = self.run_script(self.root / "returns.csv", "--folds", self.root / "folds", "--of", "1")
+            self.assertEqual((result.returncode, result.stdout), (1, ""), line)
+            self.assertIn(error, result.stderr)
+            self.assertEqual(len(result.stderr.splitlines()), 1, result.stderr)
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -60,6 +60,27 @@ class SmoothingTest(ScriptCase):
             self.assertIn(reason, done.stderr)
             self.assertEqual(len(done.stderr.splitlines()), 1)
 
+    def test_damaged_files(self):
+        truth = self.root / "data/box/groundtruth.txt"
+        for text, reason in (
+            ("0,0,20,20\n0,zero,20,20\n", "groundtruth.txt:2: not numbers"),
+            ("0,0,20\n", "groundtruth.txt:1: neither"),
+            ("", "no annotation"),
+        ):
+            truth.write_text(text)
+            done = self.run_on("--of", "0")
+            self.assertEqual(done.returncode, 1)
+            self.assertIn(reason, done.stderr)
+            self.assertEqual(len(done.stderr.splitlines()), 1)
+        truth.write_text("0,0,20,20\n")
+        kept = self.root / "out/results/dpt-track/unsupervised/box/box_001.txt"
+        kept.parent.mkdir(parents=True)
+        kept.write_text("1\n1,2,3\n1,2,3,4\n")
+        done = self.run_on("--of", "0", "--trackers", "dpt")
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("box_001.txt: damaged", done.stderr)
+        self.assertEqual(len(done.stderr.splitlines()), 1)
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -197,6 +197,26 @@ class RulesTest(unittest.TestCase):
             with self.subTest(message), self.assertRaisesRegex(error, message):
                 call()
 
+    def test_values_by_node(self):
+        """Dicts from node to value stand for arrays in the order of the nodes."""
+        edges = [("a", "b"), ("b", "c"), ("c", "d")]
+        rows = [(0, 0), (np.nan, np.nan), (2, 0), (np.nan, np.nan)]
+        by_array = asterism.layout(edges, anchors=rows, anchor_weights=[np.inf, 0, 3, 0])
+        by_dict = asterism.layout(edges, anchors={"c": (2, 0), "a": (0, 0)}, anchor_weights={"a": np.inf, "c": 3})
+        np.testing.assert_array_equal(by_dict.x, by_array.x)
+        by_dict = asterism.layout(edges, layers={"a": 3, "d": 0}, sizes={n: (1, 1) for n in "abcd"}, start={n: (k, 0) for k, n in enumerate("dcba")})
+        by_array = asterism.layout(edges, layers=[3, np.nan, np.nan, 0], sizes=(1, 1), start=[(3, 0), (2, 0), (1, 0), (0, 0)])
+        np.testing.assert_array_equal(by_dict.x, by_array.x)
+        self.assertTrue(asterism.layout(edges, anchors={}).certified)
+        for options, message in (
+            ({"anchors": {"x": (0, 0)}}, "anchors: 'x' is not a node of the graph"),
+            ({"start": {"a": (0, 0)}}, "start: expected finite numbers for all nodes"),
+            ({"layers": {"a": np.inf}}, "layers: expected finite numbers"),
+            ({"anchors": {"a": (0, 0, 0)}}, r"anchors: expected shape \(4, 2\), found \(4, 3\)"),
+        ):
+            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
+                asterism.layout(edges, **options)
+
     def test_a_new_edge_moves_a_drawing_little(self):
         """Five times less than a drawing without a start moves, even if the best rotation is taken from it."""
         edges = preferential(1200, 5)
@@ -328,10 +348,10 @@ class BoxesTest(unittest.TestCase):
             (lambda: asterism.layout(pairs, downward=np.nan), ValueError, "downward: expected >= 0"),
             (lambda: asterism.layout(pairs, aligned=[("z", ["a"])]), ValueError, "aligned: entry 0 is .*; expected an axis of 'x', 'y'"),
             (lambda: asterism.layout(pairs, aligned=["xa"]), ValueError, "aligned: entry 0"),
-            (lambda: asterism.layout(pairs, aligned=[("x", ["a", "q"])]), ValueError, "aligned: entry 0: 'q' is no node of the graph"),
+            (lambda: asterism.layout(pairs, aligned=[("x", ["a", "q"])]), ValueError, "aligned: entry 0: 'q' is not a node of the graph"),
             (lambda: asterism.layout(pairs, aligned=[("x", "ab")]), TypeError, "expected a list of nodes"),
             (lambda: asterism.layout(pairs, groups=[["a", "b"], ["b"]]), ValueError, "groups: 'b' is in two groups"),
-            (lambda: asterism.layout(pairs, groups=[[["a"]]]), ValueError, "is no node of the graph"),
+            (lambda: asterism.layout(pairs, groups=[[["a"]]]), ValueError, "is not a node of the graph"),
             (lambda: asterism.layout(pairs, groups=[["a"], ["b", "c"]], aligned=[("x", ["a", "c"])]), ValueError, "aligned: 'a' and 'c' are not in the same group"),
             (lambda: asterism.layout(pairs, sizes=(1, 1), anchors=pins, anchor_weights=np.inf), ValueError, "no places were found"),
             (lambda: asterism.layout(pairs, layers=[1, 2, 3], anchors=pins, anchor_weights=np.inf), ValueError, "layers: 'a' is held on"),

@@ -211,7 +211,16 @@ class MdsTest(unittest.TestCase):
             (lambda: asterism.layout([([], "b")]), TypeError, r"edge 0 has node \[\]; expected"),
             (lambda: asterism.layout([(0, 1), (-1, 1)]), ValueError, "edge 1 has node -1; expected >= 0"),
             (lambda: asterism.layout(np.zeros((3, 2))), ValueError, "give edges as a list"),
-            (lambda: asterism.layout(["ab"]), TypeError, r"edge 0 is no \(a, b\)"),
+            (lambda: asterism.layout(["ab"]), TypeError, r"edge 0 is 'ab'; expected \(a, b\) or \(a, b, length\)"),
+            (lambda: asterism.layout([(0, 1, {"weight": 2})]), TypeError, "edge 0 has the length {'weight': 2}; expected a number"),
+            (lambda: asterism.layout("graph.gml"), TypeError, "graph: expected a list of edges, .* found str"),
+            (lambda: asterism.layout(None), TypeError, "graph: expected a list of edges, .* found NoneType"),
+            (lambda: asterism.layout([(0, 1)], fixed=[0]), TypeError, "'anchors' with anchor_weights=np.inf hold nodes"),
+            (lambda: asterism.layout([(0, 1)], method="kamada_kawai"), ValueError, "use the default, with which layout minimises the stress"),
+            (lambda: asterism.mds(good[:2]), ValueError, r"found \(2, 3\); for points, use asterism.MDS"),
+            (lambda: asterism.mds([1, 2, 3]), ValueError, r"found \(3,\); SciPy's squareform"),
+            (lambda: asterism.mds([[0, 1], [1]]), ValueError, "distances: expected shape .N, N., found rows of different lengths"),
+            (lambda: asterism.mds(good, n_jobs=2), TypeError, "asterism.MDS has n_jobs"),
             (lambda: asterism.layout([(0, 1)], partners=0), ValueError, "partners: expected >= 1, found 0"),
             (lambda: asterism.layout([(0, 1)], partners=2.5), TypeError, "partners: expected an integer, found float"),
             (lambda: asterism.layout_stress([(0, 1)], np.zeros((3, 2))), ValueError, r"x: expected shape \(2, 2\), found \(3, 2\)"),
@@ -219,6 +228,15 @@ class MdsTest(unittest.TestCase):
         ]:
             with self.subTest(message), self.assertRaisesRegex(error, message):
                 call()
+
+    def test_names_of_others(self):
+        for name, ours in [
+            ("smacof", "here it is 'mds'"), ("spring_layout", "here it is 'layout'"), ("minimize", "here it is 'solve'"),
+            ("mdss", "did you mean 'mds'"), ("torch", "import asterism.torch"), ("quux", "no attribute 'quux'$"),
+        ]:
+            if not hasattr(asterism, name):  # torch may be imported
+                with self.subTest(name), self.assertRaisesRegex(AttributeError, ours):
+                    getattr(asterism, name)
 
 
 class Graph:
@@ -229,7 +247,10 @@ class Graph:
         self.nodes = dict.fromkeys(node for edge in edges for node in edge[:2])
 
     def edges(self, data):
-        assert data == "length"
+        if data is True:
+            return [(*edge[:2], {"length": edge[2]} if len(edge) > 2 else {}) for edge in self.all]
+        if data != "length":
+            return [(*edge[:2], None) for edge in self.all]
         return [(*edge[:2], edge[2] if len(edge) > 2 else None) for edge in self.all]
 
 
@@ -244,6 +265,12 @@ class LayoutTest(unittest.TestCase):
         self.assertEqual(list(expected.pos), [0, 1, 2])
         self.assertEqual(len(repr(found).splitlines()), 1)
         self.assertRegex(repr(found), r"^<asterism.Embedding: 3 nodes, dim 2, stress .*>$")
+
+    def test_an_attribute_that_no_edge_has(self):
+        graph = Graph([("a", "b", 2), ("b", "c")])
+        with self.assertRaisesRegex(ValueError, r"length: no edge has the attribute 'len' \(they have: length\)"):
+            asterism.layout(graph, length="len")
+        self.assertEqual(len(asterism.layout(graph, length=None).x), 3)
 
     def test_numbers_without_an_edge_are_told(self):
         with self.assertWarnsRegex(UserWarning, "3 of the nodes 0 to 5 have no edge, such as 2") as caught:

@@ -228,6 +228,8 @@ class MdsTest(unittest.TestCase):
         good = symmetric(np.ones((4, 4)))
         fitted = precomputed().fit(good)
         for call, error, message in [
+            (lambda: asterism.MDS(metric="euclidean").fit(good), ValueError, "metric: expected True, or False for non-metric scaling, found 'euclidean'"),
+            (lambda: asterism.MDS(init=good), TypeError, "'init': it is an argument of fit"),
             (lambda: asterism.MDS(dim=2), TypeError, r"MDS\(\) has no option 'dim': here it is 'n_components'"),
             (lambda: asterism.MDS(starts=2), TypeError, "here it is 'n_init'"),
             (lambda: asterism.MDS(seed=2), TypeError, "here it is 'random_state'"),

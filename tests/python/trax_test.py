@@ -22,6 +22,11 @@ TRACKERS = """
 import asterism
 import numpy as np
 
+class NoStart:
+    def update(self, image):
+        return None
+
+
 class Seen:
     "Answers with what it was given, so that the test sees it."
     def init(self, image, box):
@@ -127,6 +132,7 @@ class TraxTest(unittest.TestCase):
         for spec, text in {
             "mine": "expected MODULE:CLASS, found 'mine'", "nothing:T": "No module named 'nothing'", "mine:T": "mine has no class 'T'",
             "mine:number": "mine has no class 'number'", "no.py:T": "no.py: no such file",
+            "mine:NoStart": "mine: the class NoStart has no init(image, box)",
         }.items():
             done = self.run_on(spec, [])
             self.assertEqual((done.returncode, done.stderr), (2, f"asterism.trax: {text}\n"))

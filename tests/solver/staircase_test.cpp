@@ -431,11 +431,11 @@ TEST(Staircase, NamesTheTermThatIsNotLiftable) {
   EXPECT_EQ(refusal(areas), "areas: an area has a sign only in the plane");
   System turned = anchored(2);
   turned.add_differences(triple, System::all(1)).values("a") = Eigen::Vector4d(0, 1, -1, 0);
-  EXPECT_EQ(refusal(turned), "differences: coefficients that are matrices have no more dimensions");
+  EXPECT_EQ(refusal(turned), "differences: coefficients that are matrices cannot be given more dimensions");
   System own = anchored(2);
   own.add_elements(
       Eigen::MatrixXi(triple), [](const MatrixXd&, const MatrixXd&, bool, ElementValues&) {}, false);
-  EXPECT_EQ(refusal(own), "elements: a term of one's own has no more dimensions");
+  EXPECT_EQ(refusal(own), "elements: this kind of term cannot be given more dimensions");
   EXPECT_EQ(refusal(anchored(62)), "a system of more than 61 coordinates has no room for more");
   System most = anchored(61);
   MatrixXd x = MatrixXd::Constant(61, 3, 2);

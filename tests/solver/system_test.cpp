@@ -134,7 +134,7 @@ std::vector<Kind> kinds() {
          term.set_loss(Loss::Huber, 4);
          return term;
        }},
-      {"elements of one's own",
+      {"elements of the user's",
        [](System& s, Rng& rng) -> Term& {
          // (|x_i|^2 - |x_j|^2)^2 / 200
          const int d = s.dim();
@@ -169,7 +169,7 @@ std::vector<Kind> kinds() {
          return s.add_areas(random_elements(rng, kNodes, 3, 7), random_values(rng, 7, 5, 60),
                             random_values(rng, 7, 0.001, 0.02));
        }},
-      {"a potential of one's own",
+      {"a potential of the user's",
        [](System& s, Rng& rng) -> Term& {
          Links& term = links(s, rng);
          term.set_function([](std::size_t count, const double* r, const double* rest, double* value,

@@ -76,3 +76,12 @@ if hasattr(_asterism, "_parse_systems"):
     from .stored import StoredSystem, parse_systems, read_systems, write_systems
 
     __all__ += ["StoredSystem", "parse_systems", "read_systems", "write_systems"]
+
+
+def __getattr__(name):
+    """Answers a name that is not here, also one of another library, with the nearest one."""
+    if name.startswith("_"):
+        raise AttributeError(f"module 'asterism' has no attribute '{name}'")
+    from .names import no_attribute
+
+    raise AttributeError(no_attribute(name, __all__))

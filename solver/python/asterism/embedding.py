@@ -6,6 +6,7 @@ import dataclasses
 import inspect
 import operator
 import warnings
+from collections.abc import Mapping
 from typing import Any, Callable, Iterable, Sequence
 
 import numpy as np
@@ -153,6 +154,7 @@ def layout(
     options: of "sgd" `seed` (1), `iterations` (60 up to 100,000 nodes, 20 for more) and `threads` (at most 4 are used; 0: as
         many as the machine runs at once; the result does not depend on it). Otherwise as for mds.
     dim, anchors, anchor_weights: as for mds.
+    anchors, anchor_weights, start, sizes and layers may also be dicts from node to value, as networkx has them.
 
     Rules, which the drawing keeps to exactly, as it does to anchors of infinite weight. Without a start, the graph is first drawn freely;
     then the method "sgd" goes on, and moves apart what breaks a rule after each iteration. Nothing is proven of the result.
@@ -174,7 +176,11 @@ def layout(
         method = "lbfgs-jacobi" if partners is not None else "sgd" if n > _MANY else "multi-start"
     if method != "sgd":
         _check_options("layout()", layout, method, options)
+    anchors, anchor_weights = inputs.by_node(anchors, "anchors", nodes), inputs.by_node(anchor_weights, "anchor_weights", nodes)
+    start, sizes, layers = (inputs.by_node(v, name, nodes) for v, name in ((start, "start"), (sizes, "sizes"), (layers, "layers")))
     given = None if start is None else inputs.array(start, "start", (n, dim))
+    if given is not None and not np.isfinite(given).all():
+        raise ValueError(f"start: expected finite numbers for all nodes, found {given[~np.isfinite(given).all(axis=1)][0]}")
     at, hold = _anchors_of(anchors, anchor_weights, n, dim)
     components = _components(edges)
     if method == "sgd" and partners is not None:
@@ -249,7 +255,15 @@ def _count(value: Any, name: str, least: int = 1) -> int:
     return found
 
 
+# What mds is given instead of a matrix of distances.
+_NOT_DISTANCES = {
+    1: "; SciPy's squareform makes a matrix of the distances that pdist returns",
+    2: "; for points, use asterism.MDS().fit_transform(points)",
+}
+
+
 def _known_pairs(distances: Any, name: str = "distances") -> tuple[npt.NDArray[np.intp], _Floats, int]:
+    inputs.square(distances, name, _NOT_DISTANCES)
     pairs, lengths = inputs.pairs_of(distances, name, missing=np.nan)
     if not (known := ~np.isnan(lengths)).all():
         pairs, lengths = pairs[known], lengths[known]
@@ -329,6 +343,9 @@ def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np
         pairs = np.array([(index[a], index[b]) for a, b, _ in edges], dtype=np.intp).reshape(-1, 2)
         given = [None if length is None else value for *_, value in edges]
         lengths = inputs.numbers([1 if value is None else value for value in given], f"graph: the edges' {length!r}", (len(pairs),))
+        if length not in (None, "length") and edges and all(value is None for value in given):
+            there = sorted({str(name) for *_, attributes in graph.edges(data=True) for name in attributes})
+            raise ValueError(f"length: no edge has the attribute {length!r} (they have: {', '.join(there) or 'none'})")
         if length == "length" and all(value is None for value in given) and any(w is not None for *_, w in graph.edges(data="weight")):
             warnings.warn(
                 "graph: the edges have a 'weight' and no 'length', so each has the length 1; if their weights are lengths, "
@@ -356,10 +373,14 @@ def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np
 
 
 def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
+    if isinstance(graph, str) or not isinstance(graph, Iterable):
+        raise TypeError(f"graph: expected a list of edges, an adjacency matrix or a graph of networkx, found {type(graph).__name__}")
     ends, lengths = [], []
     for k, edge in enumerate(graph):
         if isinstance(edge, str) or not hasattr(edge, "__len__") or len(edge) not in (2, 3):
-            raise TypeError(f"graph: edge {k} is no (a, b) or (a, b, length)")
+            raise TypeError(f"graph: edge {k} is {edge!r}; expected (a, b) or (a, b, length)")
+        if len(edge) == 3 and isinstance(edge[2], Mapping):
+            raise TypeError(f"graph: edge {k} has the length {edge[2]!r}; expected a number")
         for node in edge[:2]:
             if isinstance(node, (float, np.floating)) or getattr(node, "__hash__", None) is None:
                 raise TypeError(f"graph: edge {k} has node {node!r}; expected an integer or a name, which can be a key of a dict")
@@ -666,8 +687,6 @@ def _draw(
     if unknown := [name for name in options if name not in known]:
         raise TypeError(names.no_option(f"method 'sgd' (the default over {_MANY} nodes)", unknown[0], list(known)))
     values = {name: _count(options[name], name, least) if name in options else default for name, (default, least) in known.items()}
-    if given is not None and not np.isfinite(given).all():
-        raise ValueError("start: expected finite numbers")
     _check_range(np.empty(0), np.empty(0), at, hold)
     if given is None:
         x = graph.pivot_start(at.shape[1])

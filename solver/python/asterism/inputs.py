@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from ._asterism import _numbers as numbers
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 
-__all__ = ["array", "brief", "entries", "is_sparse", "numbers", "pairs_of", "processors", "square"]
+__all__ = ["array", "brief", "by_node", "entries", "is_sparse", "numbers", "pairs_of", "processors", "square"]
 
 # numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
 # become `missing`; where there is none, and for anything else than an array of real numbers, TypeError. ValueError for another shape.
@@ -53,12 +54,32 @@ def is_sparse(matrix: Any) -> bool:
     return hasattr(matrix, "tocoo")
 
 
-def square(matrix: Any, name: str) -> int:
-    """The N of a matrix (N, N)."""
-    shape = matrix.shape if hasattr(matrix, "shape") else np.shape(matrix)
+def square(matrix: Any, name: str, hints: dict[int, str] | None = None) -> int:
+    """The N of a matrix (N, N). hints: what else to say for another array of so many dimensions."""
+    try:
+        shape = matrix.shape if hasattr(matrix, "shape") else np.shape(matrix)
+    except ValueError:
+        raise ValueError(f"{name}: expected shape (N, N), found rows of different lengths") from None
     if len(shape) != 2 or shape[0] != shape[1]:
-        raise ValueError(f"{name}: expected shape (N, N), found {tuple(shape)}")
+        raise ValueError(f"{name}: expected shape (N, N), found {tuple(shape)}{(hints or {}).get(len(shape), '')}")
     return int(shape[0])
+
+
+def by_node(values: Any, name: str, nodes: list[Any]) -> Any:
+    """Values in the order of the nodes, if they are a dict from node to value, in which nodes without a value are NaN; else as they are.
+
+    None for an empty dict. ValueError for a node that is not one of them.
+    """
+    if not isinstance(values, Mapping):
+        return values
+    known = set(nodes)
+    for node in values:
+        if node not in known:
+            raise ValueError(f"{name}: {node!r} is not a node of the graph")
+    if not values:
+        return None
+    missing = np.full(np.shape(next(iter(values.values()))), np.nan)
+    return [values.get(node, missing) for node in nodes]
 
 
 def entries(matrix: Any, name: str) -> tuple[_Indices, _Indices, _Floats]:

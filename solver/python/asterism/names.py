@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Sequence
 
-__all__ = ["no_option", "unknown_method"]
+__all__ = ["no_attribute", "no_option", "unknown_method"]
 
 
 def _plain(name: str) -> str:
@@ -31,6 +31,10 @@ _METHODS: dict[str, tuple[str, list[str]]] = {
         ("'multi-start', or 'branch-and-bound' for a proof of the minimum", []),
     ),
     **dict.fromkeys(["default", "best", "any"], ("'auto'", [])),
+    **dict.fromkeys(
+        ["kamadakawai", "stress", "neato", "spring", "fruchtermanreingold", "forceatlas2", "sfdp"],
+        ("the default, with which layout minimises the stress as Kamada and Kawai do", []),
+    ),
     "ceres": ("'auto'", ["ceres-sparse", "ceres-dense", "ceres-lbfgs", "ceres-cg"]),
     "cholmod": ("a sparse method", ["ida-cholmod", "newton-cholmod"]),
 }
@@ -65,6 +69,31 @@ _REFUSED = {
     "center": "add the center to the result",
 }
 
+# Options of other libraries that are two of ours, or that another class has.
+_MORE = {
+    "fixed": ("anchors", "'anchors' with anchor_weights=np.inf hold nodes"),
+    "njobs": ("distances", "mds runs in one thread; asterism.MDS has n_jobs"),
+}
+
+# Functions of other libraries.
+_FUNCTIONS = {
+    **dict.fromkeys(["smacof", "cmdscale", "classicalmds", "multidimensionalscaling"], "mds"),
+    **dict.fromkeys(["springlayout", "kamadakawailayout", "fruchtermanreingoldlayout", "graphvizlayout", "draw", "neato", "sfdp"], "layout"),
+    **dict.fromkeys(["minimize", "leastsquares", "optimize", "curvefit"], "solve"),
+    **dict.fromkeys(["trackercsrt", "trackercsrtcreate", "trackerkcf", "trackerkcfcreate", "trackermil", "trackermilcreate"], "OpenCvTracker"),
+    **dict.fromkeys(["maketracker", "dpt", "dptplus", "kcf", "lgt"], "Tracker"),
+    **dict.fromkeys(["trilaterate", "trilateration", "multilaterate", "multilateration"], "locate"),
+}
+
+# What some builds do not have.
+_LEFT_OUT = {
+    "OpenCV": (
+        *("Tracker", "MultiTracker", "OpenCvTracker", "TrackResult", "tracker_names", "tracker_options"),
+        *("part_options", "smooth_track", "suggested_range"),
+    ),
+    "nlohmann-json": ("StoredSystem", "parse_systems", "read_systems", "write_systems"),
+}
+
 # The method that has an option, if not all have it.
 _OWNER = {"starts": "multi-start", "seed": "multi-start", "spread": "multi-start", "max_nodes": "branch-and-bound"}
 
@@ -91,6 +120,9 @@ def no_option(of: str, name: str, known: Sequence[str]) -> str:
     listed = f" (it has: {', '.join(known)})"
     if plain in _REFUSED:
         return f"{of} has no option '{name}': {_REFUSED[plain]}{listed}"
+    needed, answer = _MORE.get(plain, ("", ""))
+    if needed in known:
+        return f"{of} has no option '{name}': {answer}{listed}"
     ours, remark = _OPTIONS.get(plain, ("", ""))
     if plain in map(_plain, _OWNER):
         ours = next(option for option in _OWNER if _plain(option) == plain)
@@ -103,3 +135,19 @@ def no_option(of: str, name: str, known: Sequence[str]) -> str:
         return f"{of} has no option '{name}': '{ours}' is an option of the method '{_OWNER[ours]}'{listed}"
     near = difflib.get_close_matches(name.lower(), known, 1)
     return f"{of} has no option '{name}'" + (f", did you mean '{near[0]}'?" if near else "") + listed
+
+
+def no_attribute(name: str, known: Sequence[str]) -> str:
+    """The message for a name that the package does not have."""
+    start = f"module 'asterism' has no attribute '{name}'"
+    if name in ("torch", "trax"):
+        return f"{start}: it is a module of its own, import asterism.{name}"
+    for what, those in _LEFT_OUT.items():
+        if name in those:
+            return f"{start}: it is left out, as the build had no {what}"
+    plain = _plain(name)
+    ours = _FUNCTIONS.get(plain) or next((other for other in known if _plain(other) == plain), None)
+    if ours in known:
+        return f"{start}: here it is '{ours}'"
+    near = difflib.get_close_matches(name, known, 1)
+    return start + (f", did you mean '{near[0]}'?" if near else "")

@@ -110,7 +110,7 @@ class Rules:
         some = list(some)
         for node in some:
             if getattr(node, "__hash__", None) is None or node not in self._index:
-                raise ValueError(f"{name}: {node!r} is no node of the graph")
+                raise ValueError(f"{name}: {node!r} is not a node of the graph")
         return np.array([self._index[node] for node in some], dtype=np.intp)
 
     def _align(self, axis: int, members: _Indices) -> None:

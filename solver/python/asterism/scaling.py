@@ -94,6 +94,8 @@ class MDS:
         **unknown: Any,
     ) -> None:
         for name in unknown:
+            if name in ("init", "weights", "anchors", "anchor_weights"):
+                raise TypeError(f"MDS() has no option '{name}': it is an argument of fit")
             raise TypeError(names.no_option("MDS()", name, self._names()))
         self.n_components = n_components
         self.metric = metric
@@ -240,6 +242,8 @@ class MDS:
             embedding._count(self.n_init, "n_init")
         embedding._count(self.max_iter, "max_iter")
         self._threads()
+        if self.metric not in (True, False):
+            raise ValueError(f"metric: expected True, or False for non-metric scaling, found {self.metric!r}")
         if not np.isscalar(self.eps) or not 0 < float(self.eps) < np.inf:
             raise ValueError(f"eps: expected a number > 0, found {self.eps!r}")
         if self.dissimilarity not in ("euclidean", "precomputed"):

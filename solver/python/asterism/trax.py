@@ -140,6 +140,9 @@ def _found(spec: str) -> Callable[[], Any]:
         holder = importlib.import_module(module)
     if not callable(found := getattr(holder, name, None)):
         raise ValueError(f"{module} has no class '{name}'")
+    for method in ("init(image, box)", "update(image)"):
+        if isinstance(found, type) and not callable(getattr(found, method.partition("(")[0], None)):
+            raise ValueError(f"{module}: the class {name} has no {method}")
     return found
 
 

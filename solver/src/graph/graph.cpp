@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
+#include <string>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -18,7 +19,10 @@ Graph::Graph(int nodes, std::span<const Edge> edges) : first_(at(nodes) + 1) {
   bool is_uniform = true;
   for (const Edge& edge : edges) {
     for (const int end : {edge.from, edge.to}) {
-      if (end < 0 || end >= nodes) detail::raise(std::invalid_argument("an end of an edge is no node"));
+      if (end < 0 || end >= nodes)
+        detail::raise(std::invalid_argument("edge " + std::to_string(&edge - edges.data()) + " ends at " +
+                                            std::to_string(end) + ", which is not one of the " +
+                                            std::to_string(nodes) + " nodes"));
       ++first_[at(end) + 1];
     }
     if (!(edge.length >= 0 && std::isfinite(edge.length)))

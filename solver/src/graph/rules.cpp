@@ -118,7 +118,8 @@ std::string RuledPoints::wrong_with(const DrawingRules& rules, std::size_t count
   for (const Separation& rule : rules.separations) {
     const bool are_nodes =
         rule.before >= 0 && rule.after >= 0 && at(rule.before) < count && at(rule.after) < count;
-    if (!are_nodes || rule.axis < 0 || rule.axis >= dim_) return "an order is of no node or along no axis";
+    if (!are_nodes || rule.axis < 0 || rule.axis >= dim_)
+      return "an order names a node or an axis that does not exist";
     if (rule.before == rule.after) return name(rule.before) + " is to be after itself";
     if (!(rule.gap >= 0 && std::isfinite(rule.gap))) return "the gap of an order is not >= 0 and finite";
   }

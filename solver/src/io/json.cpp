@@ -325,8 +325,12 @@ OrderedJson term_to_json(const Term& term, int node_count) {
       nodes.push_back(std::vector<int>(of, of + term.arity()));
     }
   }
-  // What is left without a function of one's own is no term any more: it cannot be stored.
-  const std::unique_ptr<Term> stored = refusing([&] { return make_term(term.kind(), term.dim()); });
+  std::unique_ptr<Term> stored;  // as a file would give it: without the user's function
+  try {
+    stored = make_term(term.kind(), term.dim());
+  } catch (const std::invalid_argument&) {
+    refuse(term.kind(), ": a term whose energy is the user's function cannot be stored");
+  }
   stored->set_nodes(term.nodes());
   for (const Column& column : term.columns()) {
     stored->values(column.name) = column.values;
@@ -334,6 +338,9 @@ OrderedJson term_to_json(const Term& term, int node_count) {
     object[std::string(column.name)] = column_to_json(column.values, term.dim(), term.size());
   }
   for (const Choice& choice : term.choices()) {
+    if (choice.name == "law" && term.chosen(choice.name) == "own")
+      refuse(term.kind(),
+             ": the law is the user's function, which is stored only by a name: see add_link_law");
     stored->choose(choice.name, term.chosen(choice.name));
     if (choice.value != 0) object[std::string(choice.name)] = term.chosen(choice.name);
   }

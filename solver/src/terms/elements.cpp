@@ -136,9 +136,9 @@ void Elements::add_curvature(const Points& x, Curvature curvature, CurvatureSink
 }
 
 const char* Elements::problem_with(Curvature curvature) const {
-  if (curvature == Curvature::Majorising) return "nothing bounds the curvature of a function of one's own";
-  if (curvature == Curvature::Minorising) return "nothing bounds the curvature of a function of one's own";
-  return has_second_ ? nullptr : "the function of one's own has no second derivatives";
+  if (curvature == Curvature::Majorising) return "no bound of the curvature of the user's function is known";
+  if (curvature == Curvature::Minorising) return "no bound of the curvature of the user's function is known";
+  return has_second_ ? nullptr : "the user's function gives no second derivatives";
 }
 
 // The curvature at x, where it is known; without, the gradient tells the scale by the stopping rule's length.
@@ -155,7 +155,7 @@ void Elements::add_scales(const Points& x, Scales& scales) const {
 }
 
 const char* Elements::why_not_differentiable() const {
-  return "a function of one's own is not differentiated by its numbers";
+  return "the user's function gives no derivatives by its numbers";
 }
 
 std::unique_ptr<Term> make_term(std::string_view kind, int dim) {

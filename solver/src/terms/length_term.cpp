@@ -131,9 +131,9 @@ std::string LengthTerm::defect(int node_count) const {
   if (std::string problem = loss_defect(); !problem.empty()) return problem;
   const std::string name(kind());
   if (function() != nullptr && !*function())
-    return name + ": the law is a function of one's own, and there is none";
+    return name + ": the law own needs a function, and the user gave none";
   if (function() != nullptr && loss() != Loss::Quadratic)
-    return name + ": a function of one's own has no loss beside it";
+    return name + ": the user's function as a law cannot have a loss: the function computes the whole energy";
   if (law() == LinkLaw::Interval && size() > 0 && columns()[kUpper].values.size() == 0)
     return name + ": the law interval needs upper lengths";
   const Numbers length = numbers(kLength), upper = numbers(kUpper), information = numbers(kInformation);
@@ -276,7 +276,8 @@ double LengthTerm::sum(const Points& x, int begin, int end, Points* gradient) co
   return energy;
 }
 
-// Some elements at a time, one in each lane, for all laws but one's own and lengths without information.
+// Some elements at a time, one in each lane, for all laws except the user's functions, and lengths without
+// information.
 template <int D, int kArity>
 struct LengthTerm::Lanes {
   static constexpr int kMost = 16;
@@ -525,7 +526,8 @@ const char* LengthTerm::problem_with(Curvature curvature) const {
     return "the law logarithm has no bound of its curvature from above";
   if (curvature != Curvature::Minorising) return nullptr;
   if (bool is_convex = false; function(&is_convex) != nullptr)
-    return is_convex ? nullptr : "the function of one's own is not said to be convex in the square";
+    return is_convex ? nullptr
+                     : "the user's function is not declared to be convex in the square of the length";
   if (law() == LinkLaw::Logarithm) return "the law logarithm has no bound of its curvature from below";
   return loss() == Loss::Quadratic ? nullptr : "a loss of lengths has no bound of its curvature from below";
 }
@@ -650,8 +652,7 @@ void LengthTerm::add_mixed(const Points& x, const Points& w, std::span<Eigen::Ma
 }
 
 const char* LengthTerm::why_not_differentiable() const {
-  return function() != nullptr ? "a function of one's own is not differentiated by its rest lengths"
-                               : nullptr;
+  return function() != nullptr ? "the user's function gives no derivatives by the rest lengths" : nullptr;
 }
 
 void LengthTerm::add_scales(const Points&, Scales& scales) const {

@@ -310,7 +310,8 @@ Term::Role Differences::role(int e) const {
 
 const char* Differences::why_not_liftable() const {
   for (std::size_t a = 3; a < 6; ++a) {
-    if (columns()[a].values.rows() > 1) return "coefficients that are matrices have no more dimensions";
+    if (columns()[a].values.rows() > 1)
+      return "coefficients that are matrices cannot be given more dimensions";
   }
   return nullptr;
 }

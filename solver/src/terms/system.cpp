@@ -16,7 +16,7 @@ inline namespace ASTERISM_ABI {
 using detail::raise;
 
 System::System(int nodes, int dim) : dim_(dim) {
-  if (nodes < 0) raise(std::invalid_argument("a system has no negative number of nodes"));
+  if (nodes < 0) raise(std::invalid_argument("the number of nodes is negative"));
   if (dim < 1 || dim > kMaxDim)
     raise(std::invalid_argument("a point has 1 to " + std::to_string(kMaxDim) + " coordinates, not " +
                                 std::to_string(dim)));

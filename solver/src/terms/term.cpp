@@ -282,7 +282,7 @@ std::unique_ptr<Term> Term::lifted(int dim) const {
   return result;
 }
 
-const char* Term::why_not_liftable() const { return "a term of one's own has no more dimensions"; }
+const char* Term::why_not_liftable() const { return "this kind of term cannot be given more dimensions"; }
 
 void Term::add_mixed(const Points&, const Points&, std::span<Eigen::MatrixXd>) const {}
 

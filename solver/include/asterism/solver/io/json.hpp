@@ -179,7 +179,7 @@ ASTERISM_API std::vector<StoredTerms> read_stored_terms(const std::filesystem::p
 
 /// The JSON object of a system, on one line; every double of it comes back bit for bit. Throws
 /// std::runtime_error if a solver would refuse the values (NaN, infinity, a negative stiffness, ...;
-/// components without an anchor are allowed), for a term with a function of one's own, for text that is not
+/// components without an anchor are allowed), for a term with a function of the user's, for text that is not
 /// UTF-8, and for an origin that is no JSON object, or is nested more than 98 levels deep, which could not be
 /// read back.
 template <StorableSystem System>

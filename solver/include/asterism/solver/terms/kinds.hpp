@@ -120,7 +120,7 @@ class ASTERISM_API LengthTerm : public Term {
   LinkLaw law() const { return static_cast<LinkLaw>(choice(0)); }
   /// See law().
   void set_law(LinkLaw law);
-  /// The law of one's own without a name, see add_link_law.
+  /// The user's law without a name, see add_link_law.
   void set_function(LinkFunction function, bool is_convex_in_square = false);
 
  protected:
@@ -148,7 +148,7 @@ class ASTERISM_API LengthTerm : public Term {
   void add_plain_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const;
   template <int D>
   double sum_of_rows(const Points& x, Points* gradient) const;
-  // The function of a law that is one's own, with a name or without; else null.
+  // The user's function as a law, with a name or without; else null.
   const LinkFunction* function(bool* is_convex = nullptr) const;
 
   std::vector<double> coefficients_;
@@ -275,7 +275,7 @@ struct ElementValues {
 using ElementFunction = std::function<void(const Eigen::MatrixXd& points, const Eigen::MatrixXd& numbers,
                                            bool second, ElementValues& values)>;
 
-/// Elements of one's own: any function of the points of `arity` nodes, and of `rows` "numbers" of each.
+/// Elements of the user's: any function of the points of `arity` nodes, and of `rows` "numbers" of each.
 class ASTERISM_API Elements final : public TermOf<Elements> {
  public:
   /// `has_second`: whether the function has second derivatives; without, only methods that need none take it.
