@@ -17,12 +17,11 @@ inline namespace ASTERISM_ABI {
 namespace {
 
 // The stress of one point in D coordinates, Eigen::Dynamic for a number known at run time, and its descent.
-// Up to kMost coordinates, iterations allocate nothing.
-template <int D, int kMost = D>
+template <int D>
 class PlacedPoint {
  public:
-  using Point = Eigen::Matrix<double, D, 1, 0, kMost, 1>;
-  using Matrix = Eigen::Matrix<double, D, D, 0, kMost, kMost>;
+  using Point = Eigen::Matrix<double, D, 1>;
+  using Matrix = Eigen::Matrix<double, D, D>;
   // A held point is a row, so that sums over them are sums of vectors.
   using Points = Eigen::Matrix<double, Eigen::Dynamic, D>;
 
@@ -33,12 +32,7 @@ class PlacedPoint {
   }
 
   PlacedPoint(const Points& held, Eigen::Index count)
-      : held_(held), count_(count), weights_(count), distances_(count) {
-    if constexpr (D == Eigen::Dynamic) {
-      offsets_.resize(count, held.cols());
-      for (Eigen::ArrayXd* array : {&inverse_, &pulls_, &bends_, &bent_}) array->resize(count);
-    }
-  }
+      : held_(held), count_(count), weights_(count), distances_(count) {}
 
   template <typename Distances, typename Weights>
   Point place(const Distances& given, const Weights& weights, const double* start) {
@@ -131,26 +125,17 @@ class PlacedPoint {
   }
 
   Stress stress_in_any_dimension(const Point& x, Eigen::Index rows) const {
-    constexpr double kLeast = 1e-300;  // of a square
+    constexpr double kLeast = 1e-150;  // its square is a normal number
     const auto weights = weights_.head(rows).array(), distances = distances_.head(rows).array();
-    auto inverse = inverse_.head(rows), pulls = pulls_.head(rows), bends = bends_.head(rows);
-    auto bent = bent_.head(rows);
-    auto offsets = offsets_.topRows(rows);
-    inverse.setConstant(kLeast);
-    for (Eigen::Index c = 0; c < x.size(); ++c) {
-      offsets.col(c).array() = x[c] - held_.col(c).head(rows).array();
-      inverse += offsets.col(c).array().square();
-    }
-    inverse = inverse.sqrt().inverse();
-    bends = weights * distances * inverse;
-    pulls = weights - bends;
-    bends *= inverse.square();
-    Stress result{(weights * (distances - inverse.inverse()).square()).sum(),
-                  offsets.transpose() * pulls.matrix(), Matrix(x.size(), x.size())};
+    const Points offsets = (-held_.topRows(rows)).rowwise() + x.transpose();
+    const Eigen::ArrayXd inverse = 1 / offsets.rowwise().norm().array().max(kLeast);
+    const Eigen::ArrayXd shares = weights * distances * inverse, pulls = weights - shares;
+    const Eigen::ArrayXd bends = shares * inverse.square();
+    Stress result{(weights * (distances - 1 / inverse).square()).sum(), offsets.transpose() * pulls.matrix(),
+                  Matrix::Zero(x.size(), x.size())};
     for (Eigen::Index j = 0; j < x.size(); ++j) {
-      bent = bends * offsets.col(j).array();
-      result.hessian.col(j).tail(x.size() - j).noalias() =
-          offsets.rightCols(x.size() - j).transpose() * bent.matrix();
+      const Eigen::ArrayXd bent = bends * offsets.col(j).array();
+      for (Eigen::Index i = j; i < x.size(); ++i) result.hessian(i, j) = offsets.col(i).dot(bent.matrix());
     }
     result.hessian.diagonal().array() += pulls.sum();
     return result;
@@ -162,8 +147,8 @@ class PlacedPoint {
     const double total = weights_.head(rows).sum(), end = tolerance * size_of(rows), least = 0.02 * total;
     Stress here = stress_at(x, rows);
     double shift = 0;
-    constexpr int kIterations = 100;
-    for (int iteration = 0; iteration < kIterations; ++iteration) {
+    constexpr int kMost = 100;
+    for (int iteration = 0; iteration < kMost; ++iteration) {
       const std::optional<Point> step = lower(x, rows, total, here, shift);
       if (!step) break;  // all that is left is rounding
       x += *step;
@@ -194,21 +179,17 @@ class PlacedPoint {
   const Points& held_;
   Eigen::Index count_, few_ = 0;
   Eigen::VectorXd weights_, distances_;
-  // Of each held point, where the number of coordinates is known at run time.
-  mutable Eigen::MatrixXd offsets_;
-  mutable Eigen::ArrayXd inverse_, pulls_, bends_, bent_;
 };
 
-template <int D, int kMost = D>
+template <int D>
 void place_all(const Eigen::Ref<const Eigen::MatrixXd>& held,
                const Eigen::Ref<const Eigen::MatrixXd>& distances,
                const Eigen::Ref<const Eigen::MatrixXd>& weights,
                const Eigen::Ref<const Eigen::MatrixXd>& starts, const PlacementOptions& options,
                Eigen::MatrixXd& result) {
-  using Worker = PlacedPoint<D, kMost>;
-  const auto rows = Worker::padded(held);
+  const auto rows = PlacedPoint<D>::padded(held);
   const int threads = detail::thread_count(options.threads);
-  std::vector<Worker> workers(static_cast<std::size_t>(threads), Worker(rows, held.cols()));
+  std::vector<PlacedPoint<D>> workers(static_cast<std::size_t>(threads), PlacedPoint<D>(rows, held.cols()));
   constexpr Eigen::Index kChunk = 64;
   const int chunks = static_cast<int>((distances.cols() + kChunk - 1) / kChunk);
   detail::for_each_task(threads, chunks, [&](int worker, int chunk) {
@@ -235,11 +216,7 @@ Eigen::MatrixXd place_points(const Eigen::Ref<const Eigen::MatrixXd>& held,
     detail::raise(
         std::invalid_argument("expected a row of distances and weights for each point that is held"));
   Eigen::MatrixXd result = Eigen::MatrixXd::Constant(dim, points, std::numeric_limits<double>::quiet_NaN());
-  constexpr int kFew = 16;
-  const auto work = dim == 2      ? place_all<2>
-                    : dim == 3    ? place_all<3>
-                    : dim <= kFew ? place_all<Eigen::Dynamic, kFew>
-                                  : place_all<Eigen::Dynamic>;
+  const auto work = dim == 2 ? place_all<2> : dim == 3 ? place_all<3> : place_all<Eigen::Dynamic>;
   work(held, distances, weights, starts, options, result);
   return result;
 }
