@@ -42,7 +42,7 @@ GROUPS = [
     ('Systems of terms', 'python.md#terms-of-all-kinds', 'System Term Solution add_link_law'),
     ('Many small systems', 'python.md#many-small-systems', 'SpringBatch BatchSummary'),
     ('Points with given distances, graphs', 'points-and-graphs.md#points-with-given-distances', 'mds MDS layout layout_stress remove_overlaps Embedding'),
-    ('Positions from ranges', 'locate.md', 'locate PositionFix PositionMinimum locate_path PathEstimate PathStream'),
+    ('Positions from ranges', 'locate.md', 'locate PositionFix PositionMinimum survey Survey locate_path PathEstimate PathStream'),
     ('Pictorial structures', 'pictorial-structures.md', 'pictorial_structure m_best_placements scaled_structure loopy_structure Joint '
      'PictorialResult ScaledResult LoopyResult'),
     ('Systems in files', 'python.md#systems-in-files', 'read_systems parse_systems write_systems StoredSystem'),

@@ -14,7 +14,7 @@ with tempfile.TemporaryDirectory() as prefix:
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     package = pathlib.Path(prefix, folder, "asterism")
     installed = {path.name for path in package.iterdir() if path.suffix != ".so"}
-    assert installed == {"__init__.py", "_asterism.pyi", "bench.py", "cameras.py", "embedding.py", "evaluation.py", "gradients.py", "inputs.py", "names.py", "opencv.py", "pose.py", "pose_estimate.py", "pose_files.py", "pose_fuse.py", "pose_networks.py", "pose_stream.py", "pose_swaps.py", "pose_tool.py", "py.typed", "ranges.py", "rules.py", "scaling.py", "stored.py", "structures.py", "torch.py", "trax.py"}, installed
+    assert installed == {"__init__.py", "_asterism.pyi", "bench.py", "cameras.py", "embedding.py", "evaluation.py", "gradients.py", "inputs.py", "names.py", "opencv.py", "pose.py", "pose_estimate.py", "pose_files.py", "pose_fuse.py", "pose_networks.py", "pose_stream.py", "pose_swaps.py", "pose_tool.py", "py.typed", "ranges.py", "rules.py", "scaling.py", "stored.py", "structures.py", "survey.py", "torch.py", "trax.py"}, installed
     (module,) = package.glob("_asterism.*.so")
     assert build.encode() not in module.read_bytes(), "the module knows where it was built"
     program = """

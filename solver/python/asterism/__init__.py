@@ -13,7 +13,7 @@ A spring system is solved in place:
 `asterism.System` has terms of all kinds: robust or anisotropic anchors, ropes, angles, loads, functions of your own.
 
 Points with given distances are found by `asterism.mds`, and by the estimator `asterism.MDS`; graphs are drawn by `asterism.layout`, and parts with maps of costs are
-placed by `asterism.pictorial_structure`, `scaled_structure`, `loopy_structure` and `m_best_placements`. `asterism.locate` finds positions from ranges, and `asterism.pose` the
+placed by `asterism.pictorial_structure`, `scaled_structure`, `loopy_structure` and `m_best_placements`. `asterism.locate` finds positions from ranges, `asterism.survey` those of devices from the ranges between them, and `asterism.pose` the
 paths of key-points over time and several cameras. Gradients of a function of the solution are found by `asterism.sensitivity`;
 `asterism.torch` is a layer of PyTorch. Trackers
 (`asterism.Tracker`) and systems in files (`asterism.read_systems`) are there where the build had OpenCV and nlohmann-json.
@@ -58,14 +58,15 @@ from .gradients import Sensitivity, SensitivityStatus, sensitivity
 from .ranges import PathEstimate, PositionFix, PositionMinimum, locate, locate_path
 from .rules import remove_overlaps
 from .scaling import MDS
+from .survey import Survey, survey
 from .structures import (
     Joint, LoopyResult, PictorialResult, ScaledResult, loopy_structure, m_best_placements, pictorial_structure, scaled_structure,
 )
 
 # What help(asterism) lists.
 __all__ = [
-    "bench", "evaluation", "pose", "Embedding", "Joint", "LoopyResult", "MDS", "PathEstimate", "PictorialResult", "PositionFix", "PositionMinimum", "ScaledResult", "Sensitivity", "SensitivityStatus", "layout", "layout_stress", "locate", "locate_path", "loopy_structure", "m_best_placements", "mds", "pictorial_structure",
-    "remove_overlaps", "scaled_structure", "sensitivity",
+    "bench", "evaluation", "pose", "Embedding", "Joint", "LoopyResult", "MDS", "PathEstimate", "PictorialResult", "PositionFix", "PositionMinimum", "ScaledResult", "Sensitivity", "SensitivityStatus", "Survey", "layout", "layout_stress", "locate", "locate_path", "loopy_structure", "m_best_placements", "mds", "pictorial_structure",
+    "remove_overlaps", "scaled_structure", "sensitivity", "survey",
     *(name for name in dir(_asterism) if not name.startswith("_")),
 ]
 if hasattr(_asterism, "Tracker"):
