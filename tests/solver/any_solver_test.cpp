@@ -91,12 +91,20 @@ TEST(AnySolver, OptionsByName) {
       "multi-start", {{"starts", 2}, {"spread", 1}, {"seed", 5}, {"align", false}, {"tolerance", 1e-3}});
   EXPECT_EQ(solver.options().tolerance, 1e-3);
 
-  EXPECT_NE(refusal("newtom").find("did you mean 'newton'?"), std::string::npos) << refusal("newtom");
+  constexpr std::pair<const char*, const char*> kMeant[] = {
+      {"newtom", "newton"}, {"Levenberg-Marquardt", "newton"},
+      {"dogleg", "newton"}, {"LBFGS", "lbfgs"},
+      {"L-BFGS", "lbfgs"},  {"bfgs", "lbfgs"},
+      {"CG", "ncg"},        {"SMACOF", "ida"}};
+  for (const auto& [wrong, ours] : kMeant)
+    EXPECT_NE(refusal(wrong).find("did you mean '" + std::string(ours) + "'?"), std::string::npos)
+        << refusal(wrong);
   EXPECT_EQ(refusal("newton", {{"max_iteration", 3}}),
             "newton: unknown option 'max_iteration', did you mean 'max_iterations'?");
   EXPECT_EQ(refusal("newton", {{"max_iterations", 2.5}}),
             "newton: option 'max_iterations' must be an integer");
-  EXPECT_EQ(refusal("newton", {{"max_iterations", -1}}), "newton: option 'max_iterations' is out of range");
+  EXPECT_EQ(refusal("newton", {{"max_iterations", -1}}),
+            "newton: option 'max_iterations' is out of range: at least 0");
   EXPECT_EQ(refusal("newton", {{"max_iterations", true}}),
             "newton: option 'max_iterations' must be an integer");
   EXPECT_EQ(refusal("newton", {{"tolerance", true}}), "newton: option 'tolerance' must be a number");

@@ -16,6 +16,7 @@
 #include <functional>
 #include <memory>
 #include <new>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -165,6 +166,36 @@ struct SolverDescription {
 
 namespace detail {
 
+/// The name of a method here, for one that other libraries have or that is written with other letters. May be
+/// no method.
+inline std::string name_here(std::string_view name) {
+  std::string plain;
+  for (const char c : name) {
+    if (c >= 'A' && c <= 'Z') plain += static_cast<char>(c - 'A' + 'a');
+    if ((c >= 'a' && c <= 'z') || (c >= '0' && c <= '9')) plain += c;
+  }
+  constexpr std::pair<std::string_view, std::string_view> kSame[] = {{"levenbergmarquardt", "newton"},
+                                                                     {"lm", "newton"},
+                                                                     {"gaussnewton", "newton"},
+                                                                     {"dogleg", "newton"},
+                                                                     {"trustregion", "newton"},
+                                                                     {"bfgs", "lbfgs"},
+                                                                     {"lbfgsb", "lbfgs"},
+                                                                     {"cg", "ncg"},
+                                                                     {"conjugategradient", "ncg"},
+                                                                     {"nonlinearcg", "ncg"},
+                                                                     {"smacof", "ida"},
+                                                                     {"majorisation", "ida"},
+                                                                     {"gnc", "graduated"},
+                                                                     {"gncoptimizer", "graduated"},
+                                                                     {"ceres", "auto"},
+                                                                     {"default", "auto"}};
+  for (const auto& [theirs, ours] : kSame) {
+    if (plain == theirs) return std::string(ours);
+  }
+  return plain;
+}
+
 /// Sets one option.
 class OptionSetter final : public OptionVisitor {
  public:
@@ -181,7 +212,7 @@ class OptionSetter final : public OptionVisitor {
     } else {
       refuse("must be a number");
     }
-    if (!(number >= range.least && number <= range.most)) refuse("is out of range");
+    if (!(number >= range.least && number <= range.most)) refuse_range(range);
     value = number;
   }
   void operator()(std::string_view name, int& value, const OptionRange& range) override {
@@ -189,8 +220,8 @@ class OptionSetter final : public OptionVisitor {
     const auto* integer = std::get_if<std::int64_t>(&option_.value);
     if (integer == nullptr) refuse("must be an integer");
     const auto number = static_cast<double>(*integer);
-    if (!(number >= std::max(range.least, -2147483647.0) && number <= std::min(range.most, 2147483647.0)))
-      refuse("is out of range");
+    const OptionRange held{std::max(range.least, -2147483647.0), std::min(range.most, 2147483647.0)};
+    if (!(number >= held.least && number <= held.most)) refuse_range(held);
     value = static_cast<int>(*integer);
   }
   void operator()(std::string_view name, bool& value) override {
@@ -231,6 +262,17 @@ class OptionSetter final : public OptionVisitor {
     raise(std::invalid_argument(std::string(of_) + ": option '" + option_.name + "' " + std::string(what)));
   }
 
+  [[noreturn]] void refuse_range(const OptionRange& range) const {
+    std::ostringstream what;
+    what << "is out of range: ";
+    if (range.most < 2147483647) {
+      what << range.least << " to " << range.most;
+    } else {
+      what << "at least " << range.least;
+    }
+    refuse(what.str());
+  }
+
   std::string_view of_;
   const NamedOption& option_;
   std::vector<std::string> names_;
@@ -263,7 +305,8 @@ class SolverRegistry {
     if (at == entries_.end()) {
       std::string message = "unknown solver '" + std::string(name) + "'";
       if (!entries_.empty())
-        message += ", did you mean '" + detail::nearest(name, entries_, &Entry::name)->name + "'?";
+        message += ", did you mean '" +
+                   detail::nearest(detail::name_here(name), entries_, &Entry::name)->name + "'?";
       for (const Entry& entry : entries_)
         message += (&entry == &entries_.front() ? " (known: " : ", ") + entry.name;
       if (!entries_.empty()) message += ')';
