@@ -236,7 +236,7 @@ double PositionSearch<D>::descend(Vector<D>& x, Symmetric<D>& hessian) const {
   Vector<D> gradient;
   double e = evaluate(x, gradient, hessian), damping = 0;
   int escapes = 0;
-  for (int iteration = 0; iteration < 200; ++iteration) {
+  for (int iteration = 0; iteration < 1000; ++iteration) {
     Symmetric<D> matrix = hessian.shifted(damping);
     double shift = damping;
     while (!matrix.is_definite() && shift < 1e30 * total_) {
@@ -279,10 +279,10 @@ double PositionSearch<D>::descend(Vector<D>& x, Symmetric<D>& hessian) const {
       e = next;
       gradient = next_gradient;
       hessian = next_hessian;
-      damping = damping < 0.01 * total_ ? 0 : damping / 4;
+      damping = damping < 1e-8 * total_ ? 0 : damping / 8;
     } else {
       if (decrease < 1e-14 * (1 + e) && shift == 0) break;
-      damping = std::max(4 * shift, 0.05 * total_);
+      damping = std::max(8 * shift, 1e-6 * total_);
       if (damping > 1e12 * total_) break;
     }
   }
