@@ -45,6 +45,10 @@ class ExamplesTest(unittest.TestCase):
         page = (PROJECT / "docs/locate.md").read_text()
         self.assertIn(f"```text\n{self.run_example('locate_path.py')}```", page)
 
+    def test_survey(self):
+        page = (PROJECT / "docs/locate.md").read_text()
+        self.assertIn(f"```text\n{self.run_example('survey.py')}```", page)
+
     def test_path_from_ranges(self):
         rng = np.random.default_rng(1)
         beacons = np.array([[20, 5], [-15, 10], [0, -20]])
