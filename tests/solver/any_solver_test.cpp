@@ -104,7 +104,7 @@ TEST(AnySolver, OptionsByName) {
   EXPECT_EQ(refusal("newton", {{"max_iterations", 2.5}}),
             "newton: option 'max_iterations' must be an integer");
   EXPECT_EQ(refusal("newton", {{"max_iterations", -1}}),
-            "newton: option 'max_iterations' is out of range: at least 0");
+            "newton: option 'max_iterations' is out of range: 0 to 1e+09");
   EXPECT_EQ(refusal("newton", {{"max_iterations", true}}),
             "newton: option 'max_iterations' must be an integer");
   EXPECT_EQ(refusal("newton", {{"tolerance", true}}), "newton: option 'tolerance' must be a number");
