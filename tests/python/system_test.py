@@ -790,7 +790,7 @@ BAD = [
     ("add_links", [PAIRS, 1], {"law": "hook"}, ValueError, "unknown law 'hook', did you mean 'hooke'"),
     ("add_links", [PAIRS, 1], {"law": 3}, TypeError, "law: expected a name or a function, found int"),
     ("add_links", [PAIRS, 1], {"law": "own"}, ValueError, "the law own needs a function, and the user gave none"),
-    ("add_links", [PAIRS, 1], {"law": softened, "loss": "huber", "scale": 1}, ValueError, "has no loss beside it"),
+    ("add_links", [PAIRS, 1], {"law": softened, "loss": "huber", "scale": 1}, ValueError, "cannot have a loss"),
     ("add_links", [PAIRS, 1], {"law": "interval"}, ValueError, "needs upper lengths"),
     ("add_links", [PAIRS, 2], {"law": "interval", "upper": 1}, ValueError, "upper length is less"),
     ("add_links", [PAIRS, 0], {"law": "logarithm"}, ValueError, "positive length"),
