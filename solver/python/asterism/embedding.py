@@ -177,6 +177,8 @@ def layout(
     if method != "sgd":
         _check_options("layout()", layout, method, options)
     anchors, anchor_weights = inputs.by_node(anchors, "anchors", nodes), inputs.by_node(anchor_weights, "anchor_weights", nodes)
+    if isinstance(start, Mapping) and not start and nodes:
+        raise ValueError("start: expected a place for each node, found an empty dict")
     start, sizes, layers = (inputs.by_node(v, name, nodes) for v, name in ((start, "start"), (sizes, "sizes"), (layers, "layers")))
     given = None if start is None else inputs.array(start, "start", (n, dim))
     if given is not None and not np.isfinite(given).all():

@@ -68,7 +68,7 @@ def square(matrix: Any, name: str, hints: dict[int, str] | None = None) -> int:
 def by_node(values: Any, name: str, nodes: list[Any]) -> Any:
     """Values in the order of the nodes, if they are a dict from node to value, in which nodes without a value are NaN; else as they are.
 
-    ValueError for a node that is not one of them, and for an empty dict where there are nodes.
+    None for an empty dict. ValueError for a node that is not one of them.
     """
     if not isinstance(values, Mapping):
         return values
@@ -77,8 +77,6 @@ def by_node(values: Any, name: str, nodes: list[Any]) -> Any:
         if node not in known:
             raise ValueError(f"{name}: {node!r} is not a node of the graph")
     if not values:
-        if nodes:
-            raise ValueError(f"{name}: expected values of nodes, found an empty dict")
         return None
     missing = np.full(np.shape(next(iter(values.values()))), np.nan)
     return [values.get(node, missing) for node in nodes]
