@@ -11,10 +11,12 @@ namespace asterism::lanes_v0_1 {
 /// triangles, row by row.
 template <int Dim, typename Real>
 struct DifferenceChain {
-  static constexpr int kEntries = Dim * (Dim + 1) / 2;
+  static constexpr int kEntries = Dim * (Dim + 1) / 2;  ///< of a symmetric block
+  /// The number of entry (r, c) of a symmetric block among these.
   static constexpr int entry(int r, int c) { return r > c ? entry(c, r) : r * Dim - r * (r - 1) / 2 + c - r; }
 
-  std::ptrdiff_t points, stride;  ///< point t is number t * stride of each array
+  std::ptrdiff_t points;          ///< of the chain
+  std::ptrdiff_t stride;          ///< point t is number t * stride of each array
   const double* coefficients;     ///< a, b, c (points - 2, 3), without stride
   Real* inverse;                  ///< of the eliminated diagonal blocks S_t (points, kEntries)
   Real* next;                     ///< S_t^-1 times the block (t, t + 1) (points, Dim, Dim)
