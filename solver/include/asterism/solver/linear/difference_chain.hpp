@@ -15,12 +15,12 @@ struct DifferenceChain {
   /// The number of entry (r, c) of a symmetric block among these.
   static constexpr int entry(int r, int c) { return r > c ? entry(c, r) : r * Dim - r * (r - 1) / 2 + c - r; }
 
-  std::ptrdiff_t points;          ///< of the chain
-  std::ptrdiff_t stride;          ///< point t is number t * stride of each array
-  const double* coefficients;     ///< a, b, c (points - 2, 3), without stride
-  Real* inverse;                  ///< of the eliminated diagonal blocks S_t (points, kEntries)
-  Real* next;                     ///< S_t^-1 times the block (t, t + 1) (points, Dim, Dim)
-  Real* second;                   ///< the block (t, t + 2) is this times the identity (points)
+  std::ptrdiff_t points;       ///< of the chain
+  std::ptrdiff_t stride;       ///< point t is number t * stride of each array
+  const double* coefficients;  ///< a, b, c (points - 2, 3), without stride
+  Real* inverse;               ///< of the eliminated diagonal blocks S_t (points, kEntries)
+  Real* next;                  ///< S_t^-1 times the block (t, t + 1) (points, Dim, Dim)
+  Real* second;                ///< the block (t, t + 2) is this times the identity (points)
 
   /// The arguments of DifferenceChains::factorize. check: called with each pivot.
   template <typename Check>
