@@ -98,6 +98,21 @@ class SurveyTest(unittest.TestCase):
             if bias:
                 self.assertAlmostEqual(np.median(of_biases), 0.9, delta=0.3)
 
+    def test_saddles_are_left(self):
+        for seed, bias in ((1, 0.3), (13, 0.3), (1, 1.0), (22, 1.0), (27, 1.0)):  # Newton's method ends in one first
+            x, c, ranges = scene(seed, 5, 3, 0.1, bias)
+            i, j = np.triu_indices(5, 1)
+
+            def residuals(unknowns):
+                places, biases = unknowns[:15].reshape(5, 3), unknowns[15:]
+                stretch = np.linalg.norm(places[i] - places[j], axis=1) + biases[i] + biases[j] - (ranges[i, j] + ranges[j, i]) / 2
+                return np.concatenate([stretch / (0.1 / np.sqrt(2)), biases / bias])
+
+            peer = least_squares(residuals, np.concatenate([x.ravel(), c]), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+            found = asterism.survey(ranges, 0.1, bias=bias, dim=3)
+            self.assertLessEqual(found.energy, peer.cost * (1 + 1e-6))
+            self.assertTrue((found.bias_sigma > 0).all())
+
     def test_biases_that_are_not_asked_for_are_errors(self):
         x, _, ranges = scene(3, 12, 2, 0.02, 0.3)
         with_biases, without = asterism.survey(ranges, 0.02, bias=0.3), asterism.survey(ranges, 0.02)

@@ -77,7 +77,9 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     is_pair = weight > 0
     weighted = measured * np.where(is_measured, given, 0)
     range_of = np.divide(weighted + weighted.T, weight, where=is_pair, out=np.zeros_like(given))
-    placed = embedding.mds(np.where(is_pair, range_of, np.nan), np.where(is_pair, weight, 0), dim=dim)
+    # Where all pairs are measured, classical scaling, the first start, is near the best places.
+    options = {"starts": 4} if is_pair.sum() == count * (count - 1) else {}
+    placed = embedding.mds(np.where(is_pair, range_of, np.nan), np.where(is_pair, weight, 0), dim=dim, **options)
     if not placed:
         raise ValueError(f"ranges: {placed.summary.message}")
     network = _Network(range_of, weight, bias)
@@ -129,12 +131,30 @@ class _Network:
         return np.concatenate([gradient, tension.sum(1) + self._prior * c]), np.block([[hessian, mixed], [mixed.T, of_bias]])
 
     def solve(self, x: _Floats) -> tuple[_Floats, _Floats, float]:
-        """Newton's method, damped where the energy would rise, which also holds the rigid motions."""
+        """A minimum: Newton's method, and from a saddle down along its negative curvature."""
+        c = np.zeros(len(x))
+        if not self._has_bias:  # mds has found it
+            return x, c, self.energy(x, c)
+        for _ in range(10):
+            x, c, energy = self._descend(x, c)
+            size, axes = np.linalg.eigh(self.derivatives(x, c, False)[1])
+            if size[0] >= -1e-9 * size[-1]:
+                break
+            reach = np.abs(x - x.mean(0)).max()
+            for share in 0.5 ** np.arange(2, 20):
+                step = share * reach * axes[:, 0]
+                there, biases = x + step[: x.size].reshape(x.shape), c + step[x.size :]
+                if self.energy(there, biases) < energy:
+                    x, c = there, biases
+                    break
+        return x, c, energy
+
+    def _descend(self, x: _Floats, c: _Floats) -> tuple[_Floats, _Floats, float]:
+        """To a stationary point, damped where the energy would rise, which also holds the rigid motions."""
         count, dim = x.shape
-        c = np.zeros(count)
         energy, damping = self.energy(x, c), 1e-9
         size = float(self._weight.sum()) / count
-        for _ in range(200 if self._has_bias else 0):  # mds has converged
+        for _ in range(200):
             gradient, hessian = self.derivatives(x, c, True)
             step = np.linalg.solve(hessian + damping * size * np.eye(len(gradient)), -gradient)
             if -gradient @ step <= 1e-18 * (1 + energy):
