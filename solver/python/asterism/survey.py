@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from . import _asterism, embedding, inputs
+from . import embedding, inputs
 
 _Floats = npt.NDArray[np.float64]
+_Modes = tuple[_Floats, _Floats]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,8 +83,9 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     if not placed:
         raise ValueError(f"ranges: {placed.summary.message}")
     network = _Network(range_of, weight, bias)
-    x, added, energy = network.solve(placed.x)
-    covariance, bias_sigma, message = network.uncertainty(x, added)
+    x, added, modes = network.solve(placed.x)
+    covariance, bias_sigma, message = network.uncertainty(x, modes)
+    energy = network.energy(x, added)
     x = x - x.mean(0)
     apart = np.linalg.norm(x[:, None] - x[None], axis=-1)
     residuals = (apart + added[:, None] + added[None] - given) / deviation
@@ -130,16 +131,16 @@ class _Network:
         of_bias = self._weight + np.diag(self._weight.sum(1) + self._prior)
         return np.concatenate([gradient, tension.sum(1) + self._prior * c]), np.block([[hessian, mixed], [mixed.T, of_bias]])
 
-    def solve(self, x: _Floats) -> tuple[_Floats, _Floats, float]:
+    def solve(self, x: _Floats) -> tuple[_Floats, _Floats, _Modes]:
         """A minimum: Newton's method, and from a saddle down along its negative curvature."""
         c = np.zeros(len(x))
         if not self._has_bias:  # mds has found it
-            return x, c, self.energy(x, c)
+            return x, c, self._modes(x, c)
         for _ in range(10):
             x, c, energy = self._descend(x, c)
-            size, axes = np.linalg.eigh(self.derivatives(x, c, False)[1])
+            size, axes = self._modes(x, c)
             if size[0] >= -1e-9 * size[-1]:
-                break
+                return x, c, (size, axes)
             reach = np.abs(x - x.mean(0)).max()
             for share in 0.5 ** np.arange(2, 20):
                 step = share * reach * axes[:, 0]
@@ -147,7 +148,11 @@ class _Network:
                 if self.energy(there, biases) < energy:
                     x, c = there, biases
                     break
-        return x, c, energy
+        return x, c, self._modes(x, c)
+
+    def _modes(self, x: _Floats, c: _Floats) -> _Modes:
+        """Eigenvalues of the Hessian, the least first, and its eigenvectors."""
+        return np.linalg.eigh(self.derivatives(x, c, False)[1])
 
     def _descend(self, x: _Floats, c: _Floats) -> tuple[_Floats, _Floats, float]:
         """To a stationary point, damped where the energy would rise, which also holds the rigid motions."""
@@ -169,11 +174,10 @@ class _Network:
                 damping = max(damping, 1e-9) * 10
         return x, c, energy
 
-    def uncertainty(self, x: _Floats, c: _Floats) -> tuple[_Floats, _Floats, str]:
+    def uncertainty(self, x: _Floats, modes: _Modes) -> tuple[_Floats, _Floats, str]:
         """Covariances of the places, standard deviations of the biases, and what the ranges cannot tell. ValueError if places can move."""
         count, dim = x.shape
-        _, hessian = self.derivatives(x, c, False)
-        size, axes = np.linalg.eigh(hessian)
+        size, axes = modes
         motions = dim * (dim + 1) // 2
         least = 1e-9 * size[-1]
         if size[motions] <= least:

@@ -396,11 +396,10 @@ Vector<D> PositionSearch<D>::from_squares() const {
 template <int D>
 bool PositionSearch<D>::settle_flat(Vector<D> x) {
   double h = x[D - 1] * x[D - 1];
-  Vector<D> slope;  // by y and h
   double e = 0, mu = 0;
   int last_steps = 0;
   for (int iteration = 0; iteration < 100; ++iteration) {
-    slope = constant<D>(0);
+    Vector<D> slope = constant<D>(0);  // by y and h
     Symmetric<D> hessian = Symmetric<D>::zero();
     e = mu = 0;
     for (int i = 0; i < given_.count; ++i) {
