@@ -116,7 +116,7 @@ template <typename System>
 int peaked_link(const System& system, const typename System::Points& x) {
   int l = 0;
   for (const Link& link : system.links()) {
-    if (link_difference(system, l, link, x).isZero(0) && system.link_stiffness[l] > 0 &&
+    if (is_zero(link_difference(system, l, link, x)) && system.link_stiffness[l] > 0 &&
         !(system.is_fixed(link.i) && system.is_fixed(link.j)) &&
         system.link_potential(typename System::Scalar(0), system.rest_length[l]).first < 0)
       return l;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/message.hpp>
@@ -134,16 +135,8 @@ struct RigidVelocity {
   Vector slide = Vector::Zero();
   Matrix turn = Matrix::Zero();
 
-  Vector at(const Vector& p) const { return slide + times(turn, p - origin); }
+  Vector at(const Vector& p) const { return slide + product(turn, Vector(p - origin)); }
 
-  // Written out, as a compiler takes a tenth of a second for each of Eigen's products.
-  static Vector times(const Matrix& A, const Vector& v) {
-    Vector result = Vector::Zero();
-    for (int c = 0; c < kDim; ++c) {
-      for (int r = 0; r < kDim; ++r) result[r] += A(r, c) * v[c];
-    }
-    return result;
-  }
   static Vector transposed_times(const Matrix& A, const Vector& v) {
     Vector result = Vector::Zero();
     for (int r = 0; r < kDim; ++r) {
@@ -383,7 +376,7 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
   const int* fixed = end;  // the first one
   Vector centre = Vector::Zero();
   for (const int* m = begin; m != end; ++m) {
-    extent = std::max(extent, at(*m).cwiseAbs().maxCoeff());
+    extent = std::max(extent, largest_size(at(*m)));
     if (nodes.is_fixed(*m)) {
       if (fixed == end) fixed = m;
       continue;
@@ -392,7 +385,7 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
     if (!(k > 0)) continue;
     total += k;
     centre += k * at(*m);
-    extent = std::max(extent, nodes.anchor(*m).cwiseAbs().maxCoeff());
+    extent = std::max(extent, largest_size(nodes.anchor(*m)));
   }
   if (!(extent > 0)) extent = 1;
   if constexpr (kDim == 2 || kDim == 3) {
@@ -423,7 +416,9 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
     return spread;
   };
   Matrix spread = spread_of(true);
-  if (!(std::sqrt(spread.trace()) > rounding * extent)) spread = spread_of(false);
+  double trace = 0;
+  for (int c = 0; c < kDim; ++c) trace += spread(c, c);
+  if (!(std::sqrt(trace) > rounding * extent)) spread = spread_of(false);
   Matrix axes;
   diagonalise(spread, axes);
 
@@ -439,14 +434,14 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
     if (nodes.is_fixed(*m)) continue;
     const double k = nodes.stiffness(*m);
     const Vector load = nodes.load(*m);
-    if (!(k > 0) && load.isZero(0)) continue;
+    if (!(k > 0) && is_zero(load)) continue;
     Matrix block = Matrix::Zero();
     Vector force = Vector::Zero();
     if (k > 0) nodes.anchor_spring(*m, block, force);
     const Velocities bent = [&] {  // what the block makes of the velocities, both in the axes of the modes
       Velocities result;
       for (int a = 0; a < kModes; ++a) {
-        result[a] = Velocity::transposed_times(axes, Velocity::times(block, Velocity::times(axes, v[a])));
+        result[a] = Velocity::transposed_times(axes, product(block, product(axes, v[a])));
       }
       return result;
     }();
@@ -646,7 +641,7 @@ class FreeMotions {
   //   v^T H v > (W v)^T H (W v) / (3 w^2).
   bool resists(const System& system, const Points& x, const RigidNodes<kDim>& nodes, const int* begin,
                const int* end, const RigidVelocity<kDim>& motion) {
-    if (motion.turn.isZero(0)) return false;
+    if (is_zero(motion.turn)) return false;
     list_neighbours(system, x);
     const auto reset = [&] {
       for (const int* m = begin; m != end; ++m) {
@@ -661,35 +656,35 @@ class FreeMotions {
     double inward = 0;
     double size = 0;  // that the rounding of the resistance is a share of
     for (const int* m = begin; m != end; ++m) {
-      extent = std::max(extent, nodes.place(*m).cwiseAbs().maxCoeff());
+      extent = std::max(extent, largest_size(nodes.place(*m)));
       if (system.is_fixed(*m)) continue;
       const Coordinates v = motion.at(nodes.place(*m));
-      const Coordinates w = Velocity::times(motion.turn, v);
-      moves |= !v.isZero(0);
+      const Coordinates w = product(motion.turn, v);
+      moves |= !is_zero(v);
       velocity_.col(*m) = v;
       inward_.col(*m) = w;
       Block block = Block::Zero();
       Coordinates force = Coordinates::Zero();
       if (system.anchor_stiffness[*m] > 0) nodes.anchor_spring(*m, block, force);
-      const double bent = v.dot(Velocity::times(block, v));
+      const double bent = v.dot(product(block, v));
       resistance += bent;
-      inward += w.dot(Velocity::times(block, w));
+      inward += w.dot(product(block, w));
       size += block.norm() * v.squaredNorm();
       path += bent + w.dot(force - nodes.load(*m));
     }
     for (const int* m = begin; m != end; ++m) {
-      if (velocity_.col(*m).isZero(0)) continue;
+      if (is_zero(velocity_.col(*m))) continue;
       for (const int l : links_.of(*m)) {
         const Link& link = system.links()[static_cast<std::size_t>(l)];
         const int other = link.i == *m ? link.j : link.i;
-        if (other < *m && !velocity_.col(other).isZero(0)) continue;  // counted there
+        if (other < *m && !is_zero(velocity_.col(other))) continue;  // counted there
         const Coordinates v = velocity_.col(*m) - velocity_.col(other);
         const Coordinates w = inward_.col(*m) - inward_.col(other);
         const auto spring = detail::spring(system, link, link_difference(system, l, link, x));
         const auto force = link_force(system, l, spring);
         const Block block = link_curvature(force, spring).template cast<double>();
-        resistance += v.dot(Velocity::times(block, v));
-        inward += w.dot(Velocity::times(block, w));
+        resistance += v.dot(product(block, v));
+        inward += w.dot(product(block, w));
         const auto along = static_cast<double>(force.along);
         const double ratio = extent * static_cast<double>(spring.inverse);
         const double bend = std::abs(along - static_cast<double>(force.across));
@@ -710,7 +705,7 @@ class FreeMotions {
     if (!system.has_offsets()) return;
     int l = 0;
     for (const Link& link : system.links()) {
-      if (!system.rest_offset.col(l).isZero(0) && connects(system, x, l, link))
+      if (!is_zero(system.rest_offset.col(l)) && connects(system, x, l, link))
         has_offset_[link.i] = has_offset_[link.j] = 1;
       ++l;
     }
@@ -752,7 +747,7 @@ class FreeMotions {
   // Whether something beside plain links acts on node i.
   bool is_held_itself(const System& system, int i) const {
     return system.anchor_stiffness[i] > 0 || system.is_fixed(i) || has_offset(i) ||
-           (system.has_loads() && !system.loads.col(i).isZero(0));
+           (system.has_loads() && !is_zero(system.loads.col(i)));
   }
 
   // In space, of a single node that has two neighbours alone, about the line through these.
@@ -773,7 +768,8 @@ class FreeMotions {
       if (has_more || motion.axis < 0) continue;
       const Coordinates line = nodes.place(motion.axis) - nodes.place(motion.about);
       const double square = line.squaredNorm();
-      const Block along = square > 0 ? Block(line * line.transpose() / square) : Block(Block::Zero());
+      Block along = Block::Zero();
+      if (square > 0) Velocity::add_outer(along, 1 / square, line, line);
       if (nodes.resist_turns(&i, &i + 1, nodes.place(motion.about), along)) continue;
       motion.node = i;
       motion.is_part = true;
@@ -832,7 +828,7 @@ class FreeMotions {
           if (low_[i] >= time_[parent] && holds_[i] == 0 &&
               !nodes.resist_turns(&seen_[time_[i]], &seen_[count - 1] + 1, nodes.place(parent))) {
             for (int t = time_[i]; t < count; ++t) {
-              if (x.col(seen_[t]) == x.col(parent)) continue;
+              if (is_equal(x.col(seen_[t]), x.col(parent))) continue;
               FreeMotion motion;
               motion.node = seen_[t];
               motion.about = parent;

@@ -28,13 +28,13 @@ void for_each_hessian_block(const System& system, const typename System::Points&
       system, x, clamp,
       [&](int i, const Block& curvature) {
         const Scalar k = system.anchor_stiffness[i];
-        add(i, system.is_fixed(i) ? Block((k > 0 ? k : Scalar(1)) * Block::Identity()) : curvature);
+        add(i, system.is_fixed(i) ? diagonal<System::kDim>(k > 0 ? k : Scalar(1)) : curvature);
       },
       [&](int l, const Link& link, const LinkForce<Scalar>& force, const Spring<System>& spring) {
         const Block curvature = link_curvature(force, spring);
         const bool fixed_i = system.is_fixed(link.i);
         const bool fixed_j = system.is_fixed(link.j);
-        const Block stiffness = system.link_stiffness[l] * Block::Identity();
+        const Block stiffness = diagonal<System::kDim>(system.link_stiffness[l]);
         add(link.i, fixed_i ? stiffness : curvature);
         add(link.j, fixed_j ? stiffness : curvature);
         if (!fixed_i && !fixed_j) couple(l, link, Block(-curvature));

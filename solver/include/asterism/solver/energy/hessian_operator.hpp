@@ -41,10 +41,12 @@ class HessianOperator {
 
   /// result = H v.
   void apply(const System& system, const Points& v, Points& result) const {
+    result.resize(kDim, system.nodes());
     if constexpr (System::kPlainAnchors) {
-      result = v * system.anchor_stiffness.asDiagonal();
+      for (int i = 0; i < system.nodes(); ++i) {
+        for (int c = 0; c < kDim; ++c) result(c, i) = system.anchor_stiffness[i] * v(c, i);
+      }
     } else {
-      result.resize(kDim, system.nodes());
       for (int i = 0; i < system.nodes(); ++i) {
         result.col(i) = anchor_blocks_.template block<kDim, kDim>(0, kDim * i) * v.col(i);
       }

@@ -5,11 +5,13 @@
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/energy/full_links.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <cmath>
 #include <cstddef>
+#include <cstring>
 #include <limits>
 #include <type_traits>
 #include <vector>
@@ -134,7 +136,7 @@ class NewtonMatrix {
 
   /// The energy of displacing every node of x by its rounding, some units in the last place.
   Scalar energy_of_rounding(const Points& x) const {
-    const Scalar rounding = kRounding * x.cwiseAbs().maxCoeff();
+    const Scalar rounding = kRounding * largest_size(x);
     return rounding_.sum() / kRounding * rounding * rounding;
   }
 
@@ -175,7 +177,7 @@ class NewtonMatrix {
       std::array<Scalar, static_cast<std::size_t>(kMaxSize == Eigen::Dynamic ? 1 : kLength)>>;
 
   using Block = Eigen::Matrix<Scalar, kDim, kDim, Eigen::ColMajor>;
-  using Pair = Eigen::Array<Scalar, 2, 1>;
+  typedef Scalar Pair [[gnu::vector_size(2 * sizeof(Scalar))]];
   // A constant for loads by pairs, where Eigen's own stores one number at a time first.
   static constexpr auto kIdentity = [] {
     std::array<Scalar, std::size_t{kDim} * kDim> values{};
@@ -202,8 +204,13 @@ class NewtonMatrix {
     if constexpr (kUnrolled) return right_[static_cast<std::size_t>(k)];
     return at(size(), k);
   }
-  // Rows `row` and `row + 1` of a column.
-  Eigen::Map<Pair> pair(int row, int column) { return Eigen::Map<Pair>(&at(row, column)); }
+  // Two numbers side by side, such as rows `row` and `row + 1` of a column.
+  static Pair load(const Scalar* first) {
+    Pair pair;
+    std::memcpy(&pair, first, sizeof pair);
+    return pair;
+  }
+  static void store(Scalar* first, Pair pair) { std::memcpy(first, &pair, sizeof pair); }
   // Block of the coordinates of two nodes.
   auto block(int i, int j) {
     return Eigen::Map<Block, 0, Eigen::OuterStride<>>(&at(kDim * i, kDim * j),
@@ -374,10 +381,10 @@ class NewtonMatrix {
 
     // The columns below both pivots, by pairs of rows.
     constexpr int kPairs = (kPadded - k - 2) / 2;
-    std::array<Pair, kPairs> p, q;
+    Pair p[kPairs + 1], q[kPairs + 1];  // std::array would forget that they are vectors
     unroll<0, kPairs>([&](auto r) {
-      p[r] = pair(k + 2 + 2 * r, k);
-      q[r] = pair(k + 2 + 2 * r, k + 1) - ratio * p[r];
+      p[r] = load(&at(k + 2 + 2 * r, k));
+      q[r] = load(&at(k + 2 + 2 * r, k + 1)) - ratio * p[r];
     });
     const Scalar right_p = right_[k] * inverse;
     const Scalar right_q = right_[k + 1] * second_inverse;
@@ -386,13 +393,14 @@ class NewtonMatrix {
       const Pair factor_p = p[c] * inverse;
       const Pair factor_q = q[c] * second_inverse;
       unroll<c, kPairs>([&](auto r) {
-        constexpr int kRow = k + 2 + 2 * r;
         for (int j = 0; j < 2; ++j) {
-          pair(kRow, kColumn + j) = pair(kRow, kColumn + j) - p[r] * factor_p[j] - q[r] * factor_q[j];
+          Scalar* const entry = &at(k + 2 + 2 * r, kColumn + j);
+          store(entry, load(entry) - p[r] * factor_p[j] - q[r] * factor_q[j]);
         }
       });
-      Eigen::Map<Pair>(&right_[kColumn]) -= p[c] * right_p + q[c] * right_q;
-      pair(kColumn, k + 1) = q[c];
+      Scalar* const entry = &right_[kColumn];
+      store(entry, load(entry) - (p[c] * right_p + q[c] * right_q));
+      store(&at(kColumn, k + 1), q[c]);
     });
   }
 

@@ -6,6 +6,7 @@
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/base/scratch.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/free_motion.hpp>
@@ -296,18 +297,14 @@ class ImplicitSolver {
   void solve(const Points& b, Points& result) {
     if constexpr (kUnbounded) {
       if (large_.kind == Kind::Sparse) {
-        large_.right = b.reshaped();
+        large_.right = Eigen::Map<const typename Large::Vector>(b.data(), b.size());
         large_.vector = large_.ldlt->solve(large_.right);
-        result = large_.vector.reshaped(kDim, b.cols());
+        result = Eigen::Map<const Points>(large_.vector.data(), kDim, b.cols());
         return;
       }
       if (large_.kind == Kind::Dense) {
-        large_.vector = b.reshaped();
-        const DenseHessian<System>& factor = large_.dense;
-        const auto L = factor.template triangularView<Eigen::Lower>();
-        L.solveInPlace(large_.vector);
-        L.transpose().solveInPlace(large_.vector);
-        result = large_.vector.reshaped(kDim, b.cols());
+        result = b;
+        DenseFactor<Scalar>::solve(large_.dense.data(), b.size(), result.data());
         return;
       }
     }
@@ -370,8 +367,11 @@ class ImplicitSolver {
       auto& pivots = large_.vector;
       if (large_.kind == Kind::Dense) {
         pivots = large_.dense.diagonal();
-        return DenseFactor<Scalar>::factorize(large_.dense.data(), large_.dense.rows()) &&
-               (large_.dense.diagonal().array().square() > kRounding * pivots.array()).all();
+        if (!DenseFactor<Scalar>::factorize(large_.dense.data(), large_.dense.rows())) return false;
+        for (int c = 0; c < pivots.size(); ++c) {
+          if (!(large_.dense(c, c) * large_.dense(c, c) > kRounding * pivots[c])) return false;
+        }
+        return true;
       }
       if (large_.kind == Kind::Sparse) {
         large_.ldlt->factorize(large_.blocks.matrix());
@@ -388,7 +388,9 @@ class ImplicitSolver {
 
   // A link between nodes in one place whose force has no derivative there, or -1.
   int peaked_link(const System& system, const Points& x) {
-    extent_ = rule_.length() * rule_.length() + 2 * x.colwise().squaredNorm().maxCoeff();
+    Scalar farthest = 0;
+    for (int i = 0; i < system.nodes(); ++i) farthest = std::max(farthest, x.col(i).squaredNorm());
+    extent_ = rule_.length() * rule_.length() + 2 * farthest;
     int l = 0;
     for (const Link& link : system.links()) {
       const Point d = link_difference(system, l, link, x);
@@ -595,13 +597,12 @@ class Sensitivity {
       const Scalar mu = system.rest_length[l];
       const Point d = detail::link_difference(system, l, link, x);
       const Scalar r = d.norm();
-      const Scalar delta =
-          solver.has_direction(d) ? d.dot(lambdas.col(link.i) - lambdas.col(link.j)) / r : Scalar(0);
+      const Point apart = lambdas.col(link.i) - lambdas.col(link.j);
+      const Scalar delta = solver.has_direction(d) ? d.dot(apart) / r : Scalar(0);
       to.link_stiffness[l] = -system.link_potential(r, mu).first * delta;
       if (!(k > 0)) continue;
       if (system.has_offsets()) {
-        to.rest_offset.col(l) =
-            link_curvature(system, l, link, d) * (lambdas.col(link.i) - lambdas.col(link.j));
+        to.rest_offset.col(l) = detail::product(link_curvature(system, l, link, d), apart);
       }
       to.rest_length[l] = -k * detail::first_by_rest_length(system.link_potential, r, mu) * delta;
       const auto first = detail::first_by_parameters(system.link_potential, r, mu);
@@ -660,7 +661,8 @@ class Sensitivity {
       }
       Point force = Point::Zero();
       if (solver.has_direction(d)) force = (tension / r) * d;
-      if (system.has_offsets()) force -= link_curvature(system, l, link, d) * tangent.rest_offset.col(l);
+      if (system.has_offsets())
+        force -= detail::product(link_curvature(system, l, link, d), Point(tangent.rest_offset.col(l)));
       right.col(link.i) -= force;
       right.col(link.j) += force;
     }
@@ -692,7 +694,7 @@ class Sensitivity {
       if (!detail::is_finite(value)) return {"tangent of link potential", -1, "is not finite"};
     }
     if constexpr (!detail::has_rest_length_derivative<Potential>()) {
-      if (!(tangent.rest_length.array() == 0).all())
+      if (!detail::is_zero(tangent.rest_length))
         return {"tangent of rest length", -1,
                 "is not zero, and the potential declares no first_by_rest_length"};
     }

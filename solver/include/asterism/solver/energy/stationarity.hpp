@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/full_links.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
@@ -120,9 +121,16 @@ typename System::Scalar plain_mean_square_length(const System& system,
                                                  const typename System::NodeVector& held_by_links) {
   using Scalar = typename System::Scalar;
   if (system.link_count() == 0 || system.fixed_count() > 0) return 0;
-  const auto& anchor_stiffness = system.anchor_stiffness;
-  const Scalar weakest = std::min(anchor_stiffness.minCoeff(), system.link_stiffness.minCoeff());
-  const Scalar strongest = std::max(anchor_stiffness.maxCoeff(), system.link_stiffness.maxCoeff());
+  Scalar weakest = system.link_stiffness[0];
+  Scalar strongest = weakest;
+  for (int i = 0; i < system.nodes(); ++i) {
+    weakest = std::min(weakest, system.anchor_stiffness[i]);
+    strongest = std::max(strongest, system.anchor_stiffness[i]);
+  }
+  for (int l = 1; l < system.link_count(); ++l) {
+    weakest = std::min(weakest, system.link_stiffness[l]);
+    strongest = std::max(strongest, system.link_stiffness[l]);
+  }
   if (!(weakest > 0 && SpringWeight<Scalar>(strongest)(weakest) == 1)) return 0;
   for (int i = 0; i < system.nodes(); ++i) {
     if (!(held_by_links[i] > 0)) return 0;
@@ -162,11 +170,10 @@ typename System::Scalar characteristic_length(const System& system, const typena
   if (const Scalar reach = load_reach(system, held_by_links); reach > 0) return reach;
   Scalar extent = 0;  // of the one point where the anchors are
   for (int i = 0; i < system.nodes(); ++i) {
-    if (system.anchor_stiffness[i] > 0)
-      extent = std::max(extent, system.anchors.col(i).cwiseAbs().maxCoeff());
+    if (system.anchor_stiffness[i] > 0) extent = std::max(extent, largest_size(system.anchors.col(i)));
   }
   const auto nodes = static_cast<Scalar>(std::max(1, system.nodes()));
-  if (!(system.anchor_stiffness.array() > 0).any() && system.nodes() > 0) {
+  if (system.nodes() > 0 && !(system.anchor_stiffness.maxCoeff() > 0)) {
     centroid.setZero();
     for (int i = 0; i < system.nodes(); ++i) centroid += x.col(i);
     centroid /= nodes;
@@ -220,8 +227,11 @@ class StoppingRule {
   bool is_rounding(const typename System::Points& x, const typename System::Points& gradient,
                    Scalar share = 8 * std::numeric_limits<Scalar>::epsilon()) const {
     for (int i = 0; i < weights_.size(); ++i) {
-      const Scalar rounding = share * (length_ + x.col(i).cwiseAbs().maxCoeff());
-      if (!((gradient.col(i) * weights_[i]).norm() * length_ <= rounding)) return false;
+      const Scalar rounding = share * (length_ + largest_size(x.col(i)));
+      Scalar square = 0;
+      for (int c = 0; c < System::kDim; ++c)
+        square += gradient(c, i) * weights_[i] * (gradient(c, i) * weights_[i]);
+      if (!(std::sqrt(square) * length_ <= rounding)) return false;
     }
     return true;
   }
@@ -231,13 +241,13 @@ class StoppingRule {
   // characteristic length of zero is of squares that underflow.
   static bool is_one_point(const System& system, const typename System::Points& x) {
     for (int i = 0; i < system.nodes(); ++i) {
-      if (x.col(i) != x.col(0)) return false;
-      if (system.has_loads() && !system.is_fixed(i) && !system.loads.col(i).isZero(0)) return false;
-      if (system.anchor_stiffness[i] > 0 && system.anchors.col(i) != x.col(0)) return false;
+      if (!is_equal(x.col(i), x.col(0))) return false;
+      if (system.has_loads() && !system.is_fixed(i) && !is_zero(system.loads.col(i))) return false;
+      if (system.anchor_stiffness[i] > 0 && !is_equal(system.anchors.col(i), x.col(0))) return false;
     }
     for (int l = 0; l < system.link_count(); ++l) {
       if (!(system.link_stiffness[l] > 0)) continue;
-      if (system.rest_length[l] > 0 || (system.has_offsets() && !system.rest_offset.col(l).isZero(0)))
+      if (system.rest_length[l] > 0 || (system.has_offsets() && !is_zero(system.rest_offset.col(l))))
         return false;
     }
     return true;

@@ -35,6 +35,9 @@ struct DenseFactor {
   /// The lower triangle of `matrix` becomes L; the upper one stays. False where it is not positive definite.
   static bool factorize(Scalar* matrix, Eigen::Index n);
 
+  /// vector = (L L^T)^-1 vector.
+  static void solve(const Scalar* factor, Eigen::Index n, Scalar* vector);
+
   /// The inverse of L L^T.
   static void invert(const Scalar* factor, Eigen::Index n, Scalar* inverse);
 
@@ -126,6 +129,21 @@ void DenseFactor<Scalar>::subtract_panel(Scalar* matrix, Eigen::Index n, Eigen::
           matrix[s * n + r] -= (*sums[s - j])[r - i];
       }
     }
+  }
+}
+
+template <typename Scalar>
+void DenseFactor<Scalar>::solve(const Scalar* factor, Eigen::Index n, Scalar* vector) {
+  using Vector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1>;
+  const auto below = [n](auto* first, Eigen::Index k) { return Eigen::Map<const Vector>(first, n - k - 1); };
+  for (Eigen::Index k = 0; k < n; ++k) {
+    const Scalar* const diagonal = factor + k * (n + 1);
+    vector[k] /= *diagonal;
+    Eigen::Map<Vector>(vector + k + 1, n - k - 1) -= vector[k] * below(diagonal + 1, k);
+  }
+  for (Eigen::Index k = n - 1; k >= 0; --k) {
+    const Scalar* const diagonal = factor + k * (n + 1);
+    vector[k] = (vector[k] - below(diagonal + 1, k).dot(below(vector + k + 1, k))) / *diagonal;
   }
 }
 

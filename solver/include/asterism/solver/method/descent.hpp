@@ -34,11 +34,8 @@ template <typename NodeVector, typename Points>
 void scaled_descent(const NodeVector& node_stiffness, const Points& gradient, Points& direction) {
   direction.resizeLike(gradient);
   for (Eigen::Index i = 0; i < gradient.cols(); ++i) {
-    if (node_stiffness[i] > 0) {
-      direction.col(i) = -gradient.col(i) / node_stiffness[i];
-    } else {
-      direction.col(i).setZero();
-    }
+    for (Eigen::Index c = 0; c < gradient.rows(); ++c)
+      direction(c, i) = node_stiffness[i] > 0 ? -gradient(c, i) / node_stiffness[i] : 0;
   }
 }
 

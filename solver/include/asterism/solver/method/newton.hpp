@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/free_motion.hpp>
@@ -97,7 +98,7 @@ class Newton {
 
   // The whole step, if the stopping rule is met after it.
   bool finish(const System& system, Points& x, Summary& summary) {
-    next_x_ = x - step_;
+    detail::step_from(x, Scalar(-1), step_, next_x_);
     if (realign_) detail::align(system, next_x_, false);
     session_.evaluate(system, next_x_);
     ++summary.energy_evaluations;
@@ -139,7 +140,7 @@ class Newton {
     const Scalar rounding = detail::rounding_of_energy(system, x, energy_);
     Scalar t = 1;
     for (int trial = 0; trial < kMaxTrials; ++trial) {
-      next_x_ = x - t * step_;
+      detail::step_from(x, -t, step_, next_x_);
       if (realign_) detail::align(system, next_x_, false);
       const Scalar next = assemble(system, next_x_, next_gradient_, summary);
       bool falls = next <= energy_ - kDecrease * t * decrement && next < energy_;
@@ -171,9 +172,9 @@ class Newton {
   // The gradient scaled by the nodes' stiffness, as far down as IDA's majoriser is sure of.
   bool majorise(const System& system, Points& x, Summary& summary) {
     detail::scaled_descent(session_.node_stiffness(), gradient_, step_);
-    const Scalar slope = gradient_.cwiseProduct(step_).sum();
+    const Scalar slope = detail::dot(gradient_, step_);
     if (!(slope < 0)) return false;
-    next_x_ = x + detail::majorised_step(system, step_, slope) * step_;
+    detail::step_from(x, detail::majorised_step(system, step_, slope), step_, next_x_);
     const Scalar next = assemble(system, next_x_, next_gradient_, summary);
     if (!(next < energy_)) return false;
     accept(x, next, summary);
@@ -188,24 +189,24 @@ class Newton {
     const auto& A = session_.node_stiffness();
     hessian_.set(system, x);
     const auto normalise = [&A](Points& v) {
-      const Scalar square = (v.colwise().squaredNorm().transpose().array() * A.array()).sum();
+      Scalar square = 0;
+      for (Eigen::Index i = 0; i < v.cols(); ++i) square += A[i] * v.col(i).squaredNorm();
       if (square > 0) v /= std::sqrt(square);
       return square > 0;
     };
     normalise(step_);
     next_gradient_.resize(System::kDim, x.cols());  // where the start is the saddle, no step has yet
     hessian_.apply(system, step_, next_x_);         // H v
-    Scalar curvature = step_.cwiseProduct(next_x_).sum();
+    Scalar curvature = detail::dot(step_, next_x_);
     for (int round = 0; round < kRounds; ++round) {
       for (Eigen::Index i = 0; i < x.cols(); ++i) {
-        next_gradient_.col(i) = A[i] > 0
-                                    ? typename System::Point(next_x_.col(i) / A[i] - curvature * step_.col(i))
-                                    : typename System::Point(System::Point::Zero());
+        for (int c = 0; c < System::kDim; ++c)
+          next_gradient_(c, i) = A[i] > 0 ? next_x_(c, i) / A[i] - curvature * step_(c, i) : Scalar(0);
       }
       if (!(normalise(next_gradient_) > 0)) break;
       hessian_.apply(system, next_gradient_, next_x_);
-      const Scalar mixed = step_.cwiseProduct(next_x_).sum();
-      const Scalar other = next_gradient_.cwiseProduct(next_x_).sum();
+      const Scalar mixed = detail::dot(step_, next_x_);
+      const Scalar other = detail::dot(next_gradient_, next_x_);
       // The lower eigenvector of [curvature mixed; mixed other].
       const Scalar half = (other - curvature) / 2;
       const Scalar lower = curvature + half - std::sqrt(half * half + mixed * mixed);
@@ -213,7 +214,7 @@ class Newton {
       step_ = mixed * step_ + (lower - curvature) * next_gradient_;
       if (!(normalise(step_) > 0)) break;
       hessian_.apply(system, step_, next_x_);
-      curvature = step_.cwiseProduct(next_x_).sum();
+      curvature = detail::dot(step_, next_x_);
     }
     return curvature;
   }
@@ -240,7 +241,7 @@ class Newton {
     const Scalar t =
         detail::step_off_saddle(system, x, energy_, session_.length(), curvature, step_, next_x_, summary);
     if (t == 0) return false;
-    next_x_ = x + t * step_;
+    detail::step_from(x, t, step_, next_x_);
     const Scalar next = assemble(system, next_x_, next_gradient_, summary);
     accept(x, next, summary);
     return true;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -28,9 +29,12 @@ typename System::Scalar direction_off_peak(const System& system, const typename 
   const Link link = system.links()[static_cast<std::size_t>(l)];
   Point across = spring(system, link, Point(Point::Zero())).direction;
   if constexpr (System::kDim > 1) {
-    Eigen::Index axis = 0;
-    across.cwiseAbs().minCoeff(&axis);
-    across = (Point::Unit(axis) - across[axis] * across).normalized();
+    int axis = 0;
+    for (int c = 1; c < System::kDim; ++c) axis = std::abs(across[c]) < std::abs(across[axis]) ? c : axis;
+    const auto along = across[axis];
+    across *= -along;
+    across[axis] += 1;
+    normalise(across);
   }
   direction.setZero(System::kDim, x.cols());
   if (!system.is_fixed(link.i)) direction.col(link.i) = across;
@@ -59,7 +63,9 @@ typename System::Scalar step_off_saddle(const System& system, const typename Sys
                                         typename System::Scalar curvature, typename System::Points& direction,
                                         typename System::Points& trial, Summary& summary) {
   using Scalar = typename System::Scalar;
-  const Scalar scale = length / std::sqrt(direction.colwise().squaredNorm().maxCoeff());
+  Scalar farthest = 0;
+  for (int i = 0; i < system.nodes(); ++i) farthest = std::max(farthest, direction.col(i).squaredNorm());
+  const Scalar scale = length / std::sqrt(farthest);
   direction *= scale;
   // Where linked nodes nearly coincide, the curvature has no limit, but holds over next to no distance.
   curvature = std::max(curvature * scale * scale, -stiffness_along(system, direction));
@@ -67,8 +73,10 @@ typename System::Scalar step_off_saddle(const System& system, const typename Sys
   constexpr int kMaxHalvings = 30;
   Scalar t = Scalar(0.5);
   for (int halving = 0; halving < kMaxHalvings; ++halving, t /= 2) {
-    const Scalar ahead = energy(system, trial = x + t * direction);
-    const Scalar behind = energy(system, trial = x - t * direction);
+    step_from(x, t, direction, trial);
+    const Scalar ahead = energy(system, trial);
+    step_from(x, -t, direction, trial);
+    const Scalar behind = energy(system, trial);
     summary.energy_evaluations += 2;
     if (std::min(ahead, behind) < here + t * t * curvature / 20 - rounding) return ahead <= behind ? t : -t;
   }

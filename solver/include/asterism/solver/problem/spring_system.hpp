@@ -100,7 +100,10 @@ class SpringSystem {
   void set_rest_lengths(const Eigen::MatrixBase<Derived>& points) {
     eigen_assert(points.rows() == Dim && points.cols() == nodes());
     int l = 0;
-    for (const Link& link : links()) rest_length[l++] = (points.col(link.i) - points.col(link.j)).norm();
+    for (const Link& link : links()) {
+      const Point d = points.col(link.i) - points.col(link.j);
+      rest_length[l++] = d.norm();
+    }
   }
 
   /// Sets every offset m_ij to p_i - p_j for the columns p of `points` (Dim x N), and every rest length to 0:

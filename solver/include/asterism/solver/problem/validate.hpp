@@ -2,6 +2,7 @@
 
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/matrix/diagonalise.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <cmath>
@@ -61,7 +62,7 @@ void join_components(const System& system, ComponentScratch<System>& parent) {
 /// links of zero stiffness do not connect.
 template <typename System, typename Visit>
 void for_each_floating_component(const System& system, ComponentScratch<System>& parent, Visit&& visit) {
-  if ((system.anchor_stiffness.array() > 0).all()) return;
+  if (is_positive(system.anchor_stiffness)) return;
   join_components(system, parent);
   const auto root = [&parent](int node) { return detail::root(parent, node); };
   const int n = system.nodes();
@@ -86,7 +87,7 @@ int first_floating_load(const System& system, ComponentScratch<System>& scratch)
   if (!system.has_loads()) return -1;
   join_components(system, scratch);
   for (int i = 0; i < system.nodes(); ++i) {
-    if (!system.loads.col(i).isZero(0) && root(scratch, i) != root(scratch, system.nodes())) return i;
+    if (!is_zero(system.loads.col(i)) && root(scratch, i) != root(scratch, system.nodes())) return i;
   }
   return -1;
 }

@@ -4,6 +4,7 @@
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/base/stopwatch.hpp>
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/certifier_reference.hpp>
@@ -261,7 +262,8 @@ class Session {
 
   // `reason` is the method's own; energy and gradient at x may overrule it.
   void judge(Status reason, const System& system, Points& x, Summary& summary) {
-    if (!(is_evaluated_ && x == evaluated_)) energy_ = energy_and_gradient(system, x, gradient_);
+    if (!(is_evaluated_ && detail::is_equal(x, evaluated_)))
+      energy_ = energy_and_gradient(system, x, gradient_);
     const bool is_close = gap_ > 0 && is_within_gap(x);
     is_close_ = false;
     if (!detail::is_finite(energy_) || !detail::all_finite(gradient_)) reason = Status::NumericalFailure;
