@@ -46,7 +46,13 @@ std::string trax_command(const std::string& external) {
   if (colon == 0 || colon == std::string::npos || colon + 1 == of_class.size())
     throw std::invalid_argument("expected python:MODULE:CLASS or python:FILE.py:CLASS, found \"" + external +
                                 '"');
-  return "exec python3 -m asterism.trax " + shell_quoted(of_class);
+  // As python3 -m asterism.trax, which prints a traceback where python3 does not find the package.
+  constexpr const char* kProgram =
+      "import sys\n"
+      "try:\n  from asterism.trax import main\n"
+      "except ImportError as error:\n  sys.exit(f'{sys.executable}, which is python3 here: {error}')\n"
+      "sys.exit(main(sys.argv[1:]))";
+  return "exec python3 -c " + shell_quoted(kProgram) + " " + shell_quoted(of_class);
 }
 
 Start trax_tracker(const std::string& command, double timeout) {
