@@ -7,7 +7,6 @@
 #include <limits>
 #include <numeric>
 #include <random>
-#include <ranges>
 #include <set>
 #include <stdexcept>
 #include <tuple>
@@ -309,8 +308,8 @@ void drop_unused_tags(std::vector<TrackerRuns>& trackers) {
 void score_starts(const std::vector<SupervisedSequence>& sequences, const LengthInterval& interval,
                   SupervisedScores& scores) {
   constexpr std::size_t kMixed = 200;
-  const std::size_t starts = std::ranges::min(
-      sequences | std::views::transform([](const auto& sequence) { return sequence.runs.size(); }));
+  std::size_t starts = sequences.front().runs.size();
+  for (const SupervisedSequence& sequence : sequences) starts = std::min(starts, sequence.runs.size());
   const auto score = [&](const auto& start_of) {
     std::vector<Draw> draws;
     for (std::size_t s = 0; s < sequences.size(); ++s) draws.push_back({s, {start_of(s)}});

@@ -55,14 +55,16 @@ std::string trax_command(const std::string& external) {
   return "exec python3 -c " + shell_quoted(kProgram) + " " + shell_quoted(of_class);
 }
 
-Start trax_tracker(const std::string& command, double timeout) {
+Start trax_tracker(const std::string& external, double timeout) {
   const auto has_answered = std::make_shared<std::atomic<bool>>(false);
-  return [command, timeout, has_answered](const Image& image, const Region& object) -> Step {
+  const std::string command = trax_command(external);
+  return [external, command, timeout, has_answered](const Image& image, const Region& object) -> Step {
     const auto argument = [](const Image& i) {
       return i.file.empty() ? tools::TraxImage(i.pixels) : tools::TraxImage(i.file);
     };
     tools::TraxClientOptions options;
     options.timeout = timeout;
+    options.name = external;
     std::shared_ptr<tools::TraxClient> client;
     try {
       client = std::make_shared<tools::TraxClient>(command, options);
@@ -116,7 +118,7 @@ bool has_confidence(const std::string& name) {
 
 EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   cv::setNumThreads(1);
-  if (is_external(name)) return {name, trax_tracker(trax_command(name.substr(kTrax.size())), timeout)};
+  if (is_external(name)) return {name, trax_tracker(name.substr(kTrax.size()), timeout)};
   if (name.starts_with(kNanoTrack)) {
 #ifdef ASTERISM_EVALUATION_NANOTRACK
     return {name, nanotrack_peer(name.substr(kNanoTrack.size()))};
