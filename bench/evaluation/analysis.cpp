@@ -6,6 +6,7 @@
 #include <future>
 #include <limits>
 #include <numeric>
+#include <random>
 #include <set>
 #include <stdexcept>
 #include <tuple>
@@ -55,6 +56,7 @@ std::string command_for(const Campaign& campaign, const std::string& tracker, Pr
   add("jitter", options.jitter, usual.jitter);
   add("seed", options.seed, usual.seed);
   if (options.overlap != usual.overlap) command += " --overlap " + std::string(to_string(options.overlap));
+  add("jpeg", options.jpeg, usual.jpeg);
   if (options.bounded) command += " --bounded";
   if (options.boxes) command += " --boxes";
   return command + " --out " + shell_quoted(campaign.folder.string());
@@ -130,7 +132,7 @@ class Reader {
     TrackerRuns tracker;
     tracker.scores.name = name;
     tracker.scores.foreign = !campaign_.trackers.contains(name);
-    tracker.scores.sequences.assign(campaign_.sequences.size(), {kNone, kNone, kNone, {}, {}});
+    tracker.scores.sequences.assign(campaign_.sequences.size(), {kNone, kNone, kNone, {}, {}, {}});
     for (const Protocol protocol : kProtocols) {
       if (has_any(tracker.scores, protocol))
         read(tracker, protocol);
@@ -189,6 +191,8 @@ class Reader {
     const auto score = accuracy_robustness(one, Toolkit::Legacy);
     if (accuracy_frames(one) > 0) scores.accuracy = score.accuracy;
     scores.failures = score.failures;
+    for (const SupervisedRun& run : one.front().runs)
+      scores.start_failures.push_back(static_cast<double>(std::ranges::count(run.outcomes, Outcome::Failed)));
   }
 
   void read_one_pass(TrackerRuns& tracker, std::size_t s, const std::vector<Run>& runs) {
@@ -300,6 +304,25 @@ void drop_unused_tags(std::vector<TrackerRuns>& trackers) {
       std::erase_if(sequence.tags, [&](const auto& entry) { return !used.contains(entry.first); });
 }
 
+/// The scores with one run on each sequence.
+void score_starts(const std::vector<SupervisedSequence>& sequences, const LengthInterval& interval,
+                  SupervisedScores& scores) {
+  constexpr std::size_t kMixed = 200;
+  std::size_t starts = sequences.front().runs.size();
+  for (const SupervisedSequence& sequence : sequences) starts = std::min(starts, sequence.runs.size());
+  const auto score = [&](const auto& start_of) {
+    std::vector<Draw> draws;
+    for (std::size_t s = 0; s < sequences.size(); ++s) draws.push_back({s, {start_of(s)}});
+    const auto drawn = resampled(sequences, draws);
+    return LegacyScores{accuracy_robustness(drawn, Toolkit::Legacy), eao(drawn, interval, Toolkit::Legacy)};
+  };
+  for (std::size_t start = 0; start < starts; ++start)
+    scores.starts.push_back(score([&](std::size_t) { return start; }));
+  std::mt19937 random;
+  for (std::size_t i = 0; starts > 1 && i < kMixed; ++i)
+    scores.mixed_starts.push_back(score([&](std::size_t) { return random() % starts; }));
+}
+
 void score_supervised(std::vector<TrackerRuns>& trackers, Analysis& analysis) {
   std::vector<std::vector<SupervisedSequence>> all;
   std::vector<std::size_t> numbers;
@@ -331,11 +354,12 @@ void score_supervised(std::vector<TrackerRuns>& trackers, Analysis& analysis) {
     scores.mean_accuracy_rank = mean_ranks.accuracy[i];
     scores.mean_robustness_rank = mean_ranks.robustness[i];
     for (const std::string& tag : analysis.tags) {
-      AttributeScores& attribute = scores.attributes[tag];
+      LegacyScores& attribute = scores.attributes[tag];
       attribute = {accuracy_robustness(all[i], Toolkit::Legacy, tag),
                    eao(all[i], interval, Toolkit::Legacy, tag)};
       if (accuracy_frames(all[i], tag) == 0) attribute.score.accuracy = kNone;
     }
+    score_starts(all[i], interval, scores);
     trackers[numbers[i]].scores.supervised = std::move(scores);
   }
 }

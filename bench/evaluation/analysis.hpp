@@ -32,15 +32,17 @@ std::string_view to_string(Measure measure);
 
 /// One tracker on one sequence. Values that are not measured are NaN.
 struct SequenceScores {
-  double accuracy = 0, failures = 0;  ///< supervised, mean over the runs; no accuracy if no frame counts
-  double average_overlap = 0;         ///< one pass, mean over the runs
-  std::vector<double> overlaps;       ///< of each frame of the first supervised run, else of the first pass
-  std::vector<std::size_t> failed;    ///< frames of the first supervised run, from 0
+  double accuracy = 0, failures = 0;   ///< supervised, mean over the runs; no accuracy if no frame counts
+  double average_overlap = 0;          ///< one pass, mean over the runs
+  std::vector<double> overlaps;        ///< of each frame of the first supervised run, else of the first pass
+  std::vector<std::size_t> failed;     ///< frames of the first supervised run, from 0
+  std::vector<double> start_failures;  ///< of each supervised run
 };
 
-struct AttributeScores {
-  AccuracyRobustness score;  ///< of Toolkit::Legacy; the accuracy is NaN if no frame counts
-  double eao = 0;            ///< of Toolkit::Legacy
+/// Of Toolkit::Legacy, on the frames with an attribute or in the runs from one start.
+struct LegacyScores {
+  AccuracyRobustness score;  ///< the accuracy is NaN if no frame counts
+  double eao = 0;
 };
 
 struct SupervisedScores {
@@ -51,7 +53,10 @@ struct SupervisedScores {
   double accuracy_rank = 0, robustness_rank = 0;  ///< on all frames
   /// Mean over the attributes, the VOT2014 ranking; NaN without attributes.
   double mean_accuracy_rank = 0, mean_robustness_rank = 0;
-  std::map<std::string, AttributeScores> attributes;
+  std::map<std::string, LegacyScores> attributes;
+  std::vector<LegacyScores> starts;  ///< of the first run on every sequence, of the second, ...
+  /// The same if each sequence has another start, drawn at random; none for a single start.
+  std::vector<LegacyScores> mixed_starts;
 };
 
 struct MultiStartScores {

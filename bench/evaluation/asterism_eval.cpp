@@ -66,12 +66,14 @@ class RunCommand {
     app_.add_flag("--bounded", options_.bounded, "compute overlaps within the image only");
     app_.add_flag("--boxes", options_.boxes,
                   "replace ground truth polygons by their axis-aligned bounding boxes");
+    app_.add_option("--jpeg", options_.jpeg, "compress all images again, by JPEG of this quality")
+        ->check(CLI::Range(1, 100));
     asterism::tools::add_range_options(app_, options_.range);
     app_.add_option("--workers", workers_, "number of runs at the same time; use 1 to measure speed")
         ->check(CLI::Range(1, 1024))
         ->capture_default_str();
     app_.add_option("--timeout", timeout_, "time limit for each answer of an external tracker [s]")
-        ->check(CLI::Range(0.001, 1e6))
+        ->check(CLI::Range(0.001, 100'000.0))
         ->capture_default_str();
     app_.add_option("--retries", retries_,
                     "how often to repeat a run in which an external tracker ended or did not answer")
@@ -116,7 +118,7 @@ class RunCommand {
     Dataset dataset = open_dataset(campaign.dataset, campaign.layout, only_);
     if (processes.shard().index == 0) print_notes(dataset);
     campaign.sequences = std::move(dataset.sequences);
-    for (Sequence& sequence : campaign.sequences) sequence.range = options_.range;
+    read_as(campaign.sequences, options_);
     campaign.record.push_back({{"command", printable(command)},
                                {"started", utc_now()},
                                {"version", ASTERISM_VERSION},

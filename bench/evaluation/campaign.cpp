@@ -40,7 +40,8 @@ Json to_json(const ProtocolOptions& options) {
           {"starts", options.starts},
           {"jitter", options.jitter},
           {"seed", options.seed},
-          {"range", options.range ? Json{options.range->black, options.range->white} : Json()}};
+          {"range", options.range ? Json{options.range->black, options.range->white} : Json()},
+          {"jpeg", options.jpeg > 0 ? Json(options.jpeg) : Json()}};
 }
 
 Json to_json(const Campaign& campaign) {
@@ -117,6 +118,7 @@ Campaign from_json(const fs::path& folder, const Json& json) try {
       throw std::invalid_argument("range: two numbers expected, not " + range.dump());
     campaign.options.range = PixelRange{range[0], range[1]};
   }
+  if (!options.value("jpeg", Json()).is_null()) campaign.options.jpeg = number(options, "jpeg", 1, 100);
   if (!json.at("protocols").is_array()) throw std::invalid_argument("protocols are not a list");
   for (const auto& protocol : json["protocols"])
     campaign.protocols.push_back(parse_protocol(protocol.get<std::string>()));
@@ -241,7 +243,7 @@ Campaign read_campaign(const fs::path& folder, const fs::path& dataset) {
     throw std::runtime_error(folder.string() +
                              ": no sequence could be read: " + campaign.unreadable.begin()->second);
   campaign.sequences = open_dataset(campaign.dataset, campaign.layout, names).sequences;
-  for (Sequence& sequence : campaign.sequences) sequence.range = campaign.options.range;
+  read_as(campaign.sequences, campaign.options);
   check_same(folder / kFile, json, to_json(campaign));
   return campaign;
 }

@@ -4,6 +4,7 @@
 #include <asterism/solver/base/edit_distance.hpp>
 #include <cstdio>
 #include <map>
+#include <opencv2/imgcodecs.hpp>
 #include <set>
 #include <stdexcept>
 #include <utility>
@@ -202,8 +203,14 @@ void print_notes(const Dataset& dataset) {
   for (const std::string& note : dataset.notes) std::fprintf(stderr, "%s\n", note.c_str());
 }
 
+cv::Mat compressed(const cv::Mat& image, int quality) {
+  std::vector<unsigned char> bytes;
+  cv::imencode(".jpg", image, bytes, {cv::IMWRITE_JPEG_QUALITY, quality});
+  return cv::imdecode(bytes, cv::IMREAD_UNCHANGED);
+}
+
 cv::Mat FrameReader::operator()(std::size_t t) try {
-  return read(t);
+  return sequence_.jpeg > 0 ? compressed(read(t), sequence_.jpeg) : read(t);
 } catch (const std::runtime_error& error) {
   throw UnreadableSequence(error.what());
 }

@@ -24,6 +24,7 @@ struct Sequence {
   std::vector<std::optional<Region>> truth;  ///< per frame [px, as published]; empty: no object, or unknown
   std::map<std::string, std::vector<bool>> tags;  ///< attributes by name, one value per frame
   std::optional<PixelRange> range = {};           ///< of the images' pixels; none: as Frame assumes
+  int jpeg = 0;  ///< quality at which the images are compressed again; 0: they stay as they are
   std::vector<double> practical;  ///< VOT's practical difference of overlaps, per frame; empty without it
   bool from_one = false;          ///< `truth` counts pixels from 1, as OTB does, not from 0
 
@@ -78,6 +79,9 @@ Dataset open_dataset(const std::filesystem::path& path, Layout layout = Layout::
 
 /// Prints the notes on standard error.
 void print_notes(const Dataset& dataset);
+
+/// The image after JPEG of this quality.
+cv::Mat compressed(const cv::Mat& image, int quality);
 
 /// A frame of a sequence cannot be read. The message names the file and the reason.
 class UnreadableSequence : public std::runtime_error {

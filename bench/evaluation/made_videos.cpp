@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 #include <string_view>
@@ -85,12 +84,6 @@ Shown shifted(const Shown& frame) {
   box.x += box.x < seam ? by : by - width;
   result.truth = box;
   return result;
-}
-
-cv::Mat compressed(const cv::Mat& image, int quality) {
-  std::vector<unsigned char> bytes;
-  cv::imencode(".jpg", image, bytes, {cv::IMWRITE_JPEG_QUALITY, quality});
-  return cv::imdecode(bytes, cv::IMREAD_UNCHANGED);
 }
 
 Video perturbed(Video video, const Perturbation& by) {

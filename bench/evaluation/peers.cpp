@@ -46,17 +46,25 @@ std::string trax_command(const std::string& external) {
   if (colon == 0 || colon == std::string::npos || colon + 1 == of_class.size())
     throw std::invalid_argument("expected python:MODULE:CLASS or python:FILE.py:CLASS, found \"" + external +
                                 '"');
-  return "exec python3 -m asterism.trax " + shell_quoted(of_class);
+  // As python3 -m asterism.trax, which prints a traceback where python3 does not find the package.
+  constexpr const char* kProgram =
+      "import sys\n"
+      "try:\n  from asterism.trax import main\n"
+      "except ImportError as error:\n  sys.exit(f'{sys.executable}, which is python3 here: {error}')\n"
+      "sys.exit(main(sys.argv[1:]))";
+  return "exec python3 -c " + shell_quoted(kProgram) + " " + shell_quoted(of_class);
 }
 
-Start trax_tracker(const std::string& command, double timeout) {
+Start trax_tracker(const std::string& external, double timeout) {
   const auto has_answered = std::make_shared<std::atomic<bool>>(false);
-  return [command, timeout, has_answered](const Image& image, const Region& object) -> Step {
+  const std::string command = trax_command(external);
+  return [external, command, timeout, has_answered](const Image& image, const Region& object) -> Step {
     const auto argument = [](const Image& i) {
       return i.file.empty() ? tools::TraxImage(i.pixels) : tools::TraxImage(i.file);
     };
     tools::TraxClientOptions options;
     options.timeout = timeout;
+    options.name = external;
     std::shared_ptr<tools::TraxClient> client;
     try {
       client = std::make_shared<tools::TraxClient>(command, options);
@@ -110,7 +118,7 @@ bool has_confidence(const std::string& name) {
 
 EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   cv::setNumThreads(1);
-  if (is_external(name)) return {name, trax_tracker(trax_command(name.substr(kTrax.size())), timeout)};
+  if (is_external(name)) return {name, trax_tracker(name.substr(kTrax.size()), timeout)};
   if (name.starts_with(kNanoTrack)) {
 #ifdef ASTERISM_EVALUATION_NANOTRACK
     return {name, nanotrack_peer(name.substr(kNanoTrack.size()))};

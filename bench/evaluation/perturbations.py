@@ -13,11 +13,17 @@ largest values; and the standard deviation, over the kinds, of the mean AO of al
 of the means as they are, and the one expected of the deviations of the sequences if these are independent (the square root of the sum
 of their variances, divided by their number), which is less uncertain. The last column is 2.8 times this value (1.96 times the square
 root of 2): two runs of equal trackers, one start each, differ by more in one of twenty comparisons. A second table has the mean AO of
-each kind. Needs NumPy.
+each kind.
+
+If RETURNS are files report.json of asterism-eval, the same is computed for EAO, A and F of the supervised protocol, of each start alone:
+one report with several starts, and others, on the same sequences, with images that are compressed again (--jpeg). The expected deviation
+comes from runs through all sequences in which each sequence has another one of the first report's starts, drawn at random. Needs NumPy.
 """
 
 import argparse
+import json
 import math
+import pathlib
 import sys
 from collections import defaultdict
 
@@ -76,6 +82,42 @@ def tables(found, worst):
         yield f"| {tracker} | " + " | ".join(f"{value:.3f}" for value in ao.mean(axis=0)) + " |"
 
 
+def read_report(path):
+    """The sequences and the interval of a report of asterism-eval, and {tracker: its entry} of those with supervised runs."""
+    try:
+        report = json.loads(pathlib.Path(path).read_text(encoding="utf-8"))
+        return (report["sequences"], report["eao_interval"]), {each["name"]: each for each in report["trackers"] if "vot" in each}
+    except (KeyError, TypeError):
+        raise BadInput(f"{path}: not a report of asterism-eval") from None
+
+
+def supervised_tables(paths, worst):
+    data, found = zip(*map(read_report, paths))
+    if any(each != data[0] for each in data):
+        raise BadInput("the reports are of other sequences, or of another interval of lengths")
+    yield "| tracker | measure | mean | deviation, measured | expected | two runs differ by |"
+    yield "|---|---|---|---|---|---|"
+    sequences = []
+    for name, first in found[0].items():
+        runs = [trackers[name] for trackers in found if name in trackers]
+        starts, mixed = len(first["vot"]["starts"]), first["vot"]["mixed_starts"]
+        if starts < 2:
+            raise BadInput(f"{paths[0]}: {name} has one start only")
+        for measure in ("EAO", "A", "F"):
+            of = np.array([start[measure] for run in runs for start in run["vot"]["starts"]], float)
+            # Draws from N values deviate less than the values do: an N-th of the variance is that of their mean.
+            expected = np.array([start[measure] for start in mixed], float).std() * math.sqrt(starts / (starts - 1))
+            yield (
+                f"| {name} | {measure} ({len(of)} runs) | {of.mean():.3f} | {of.std(ddof=1):.4f} | {expected:.4f} | "
+                f"{1.96 * math.sqrt(2) * expected:.3f} |"
+            )
+        failures = {sequence: np.concatenate([run["sequences"][sequence]["start_F"] for run in runs]) for sequence in data[0][0]}
+        most = sorted(failures, key=lambda sequence: -failures[sequence].std())[:worst]
+        sequences.append(f"{name}: " + ", ".join(f"{each} {' '.join(f'{f:.0f}' for f in failures[each])}" for each in most))
+    yield "\nFailures of the runs on the sequences on which they differ most:\n"
+    yield from sequences
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("returns", nargs="+")
@@ -85,6 +127,9 @@ def main():
     options = parser.parse_args()
     if options.of and not options.folds:
         raise BadInput("--of needs --folds")
+    if all(path.endswith(".json") for path in options.returns):
+        print("\n".join(supervised_tables(options.returns, options.worst)))
+        return
     found = read(options.returns, set(sequences_of(options.folds, options.of)) if options.folds else None)
     if not found:
         raise BadInput("the files have no frame of these kinds and sequences")
@@ -94,5 +139,5 @@ def main():
 if __name__ == "__main__":
     try:
         main()
-    except (BadInput, OSError) as error:
+    except (BadInput, OSError, json.JSONDecodeError) as error:
         sys.exit(f"perturbations.py: {error}")

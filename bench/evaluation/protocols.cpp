@@ -167,6 +167,10 @@ Protocol parse_protocol(const std::string& name) {
 
 std::string experiment_name(Protocol protocol) { return std::string(names(protocol).experiment); }
 
+void read_as(std::vector<Sequence>& sequences, const ProtocolOptions& options) {
+  for (Sequence& sequence : sequences) sequence.range = options.range, sequence.jpeg = options.jpeg;
+}
+
 std::optional<Region> truth_of(const Sequence& sequence, std::size_t frame, const ProtocolOptions& options) {
   const std::optional<Region>& truth = sequence.truth[frame];
   if (truth && options.boxes && !truth->is_rectangle()) return Region::rectangle(truth->box());
@@ -189,7 +193,8 @@ SequenceImages::SequenceImages(const Sequence& sequence, std::size_t kept_bytes)
 
 Image SequenceImages::operator()(std::size_t t) {
   const auto image = [&](cv::Mat pixels) {
-    return Image(std::move(pixels), sequence_.images.empty() ? std::filesystem::path() : sequence_.images[t]);
+    return Image(std::move(pixels), sequence_.images.empty() || sequence_.jpeg > 0 ? std::filesystem::path()
+                                                                                   : sequence_.images[t]);
   };
   const std::lock_guard lock(mutex_);
   if (const auto found = kept_.find(t); found != kept_.end()) return image(found->second);

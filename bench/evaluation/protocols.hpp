@@ -48,9 +48,13 @@ struct ProtocolOptions {
   double jitter = 1;       ///< the most that the box is moved on each axis [px]
   std::uint32_t seed = 1;  ///< of the moves
   std::optional<PixelRange> range = {};  ///< of the images' pixels; none: as Frame assumes
+  int jpeg = 0;  ///< quality at which the images are compressed again; 0: they stay as they are
 
   bool operator==(const ProtocolOptions&) const = default;
 };
+
+/// Has the sequences' images read as the options say.
+void read_as(std::vector<Sequence>& sequences, const ProtocolOptions& options);
 
 /// The ground truth of a frame, as its bounding box if the options say so.
 std::optional<Region> truth_of(const Sequence& sequence, std::size_t frame, const ProtocolOptions& options);

@@ -446,9 +446,9 @@ std::string attributes(const Analysis& analysis) {
     content += html(table);
   };
   if (analysis.tags.empty()) return {};
-  add("EAO", 3, false, [](const AttributeScores& scores) { return scores.eao; });
-  add("A", 3, false, [](const AttributeScores& scores) { return scores.score.accuracy; });
-  add("F", 2, true, [](const AttributeScores& scores) { return scores.score.failures; });
+  add("EAO", 3, false, [](const LegacyScores& scores) { return scores.eao; });
+  add("A", 3, false, [](const LegacyScores& scores) { return scores.score.accuracy; });
+  add("F", 2, true, [](const LegacyScores& scores) { return scores.score.failures; });
   return content + note("By the legacy toolkit; \"empty\" are frames without attribute.");
 }
 

@@ -48,6 +48,10 @@ Json json_of(const OnePassScore& score) {
           {"success", score.success},       {"precision", score.precision}};
 }
 
+Json json_of(const LegacyScores& scores) {
+  return {{"A", scores.score.accuracy}, {"F", scores.score.failures}, {"EAO", scores.eao}};
+}
+
 Json json_of(const SupervisedScores& scores, std::size_t sequences) {
   Json json = json_of(scores.legacy);
   json["F_per_sequence"] = scores.legacy.failures / static_cast<double>(sequences);
@@ -56,9 +60,10 @@ Json json_of(const SupervisedScores& scores, std::size_t sequences) {
   json["ranks"] = {{"A", scores.accuracy_rank}, {"R", scores.robustness_rank}};
   json["mean_ranks"] = {{"A", scores.mean_accuracy_rank}, {"R", scores.mean_robustness_rank}};
   json["attributes"] = Json::object();
-  for (const auto& [tag, attribute] : scores.attributes)
-    json["attributes"][tag] = {
-        {"A", attribute.score.accuracy}, {"F", attribute.score.failures}, {"EAO", attribute.eao}};
+  for (const auto& [tag, attribute] : scores.attributes) json["attributes"][tag] = json_of(attribute);
+  for (const LegacyScores& start : scores.starts) json["starts"].push_back(json_of(start));
+  json["mixed_starts"] = Json::array();
+  for (const LegacyScores& mixed : scores.mixed_starts) json["mixed_starts"].push_back(json_of(mixed));
   json["python"] = json_of(scores.python);
   json["python"]["EAO"] = scores.python_eao;
   json["python"]["curve"] = scores.python_curve;
@@ -85,11 +90,9 @@ Json json_of(const TrackerScores& tracker, const Campaign& campaign, std::size_t
   json["sequences"] = Json::object();
   for (std::size_t s = 0; s < campaign.sequences.size(); ++s) {
     const SequenceScores& scores = tracker.sequences[s];
-    json["sequences"][campaign.sequences[s].name] = {{"A", scores.accuracy},
-                                                     {"F", scores.failures},
-                                                     {"AO", scores.average_overlap},
-                                                     {"failed", scores.failed},
-                                                     {"overlaps", scores.overlaps}};
+    json["sequences"][campaign.sequences[s].name] = {
+        {"A", scores.accuracy},         {"F", scores.failures},    {"start_F", scores.start_failures},
+        {"AO", scores.average_overlap}, {"failed", scores.failed}, {"overlaps", scores.overlaps}};
   }
   return json;
 }

@@ -150,15 +150,15 @@ std::string paper_section(const Campaign& campaign, const Analysis& analysis) {
          first_table(analysis) +
          second_table(
              analysis, "EAO", 2, [](const Peer& peer) { return peer.eao; },
-             [](const AttributeScores& scores) { return scores.eao; },
+             [](const LegacyScores& scores) { return scores.eao; },
              [](const SupervisedScores& scores) { return scores.legacy_eao; }) +
          second_table(
              analysis, "A", 2, [](const Peer& peer) { return peer.accuracy; },
-             [](const AttributeScores& scores) { return scores.score.accuracy; },
+             [](const LegacyScores& scores) { return scores.score.accuracy; },
              [](const SupervisedScores& scores) { return scores.mean_over_tags.accuracy; }) +
          second_table(
              analysis, "F", 2, [](const Peer& peer) { return peer.failures; },
-             [](const AttributeScores& scores) { return scores.score.failures; },
+             [](const LegacyScores& scores) { return scores.score.failures; },
              [](const SupervisedScores& scores) { return scores.mean_over_tags.failures; });
 }
 

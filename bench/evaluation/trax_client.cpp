@@ -362,6 +362,7 @@ class TraxClient::Process {
 TraxClient::TraxClient(std::string command, TraxClientOptions options)
     : command_(std::move(command)), options_(std::move(options)) {
   if (!(options_.timeout > 0)) throw std::invalid_argument("a timeout that is not positive");
+  if (options_.name.empty()) options_.name = command_;
   guarded([&] { start(); });
 }
 
@@ -379,7 +380,7 @@ auto TraxClient::guarded(Call call) -> decltype(call()) {
   } catch (const std::exception& e) {
     process_.reset();
     objects_ = 0;
-    throw TraxError("tracker '" + command_ + "': " + e.what());
+    throw TraxError("tracker '" + options_.name + "': " + e.what());
   }
 }
 
@@ -427,7 +428,7 @@ std::vector<TraxClient::Reply> TraxClient::initialize(const TraxImage& image,
   if (!process_ || (objects_ > 0 && (options_.restart || hello_.contains("vot")))) guarded([&] { start(); });
   const auto multiobject = hello_.find("trax.multiobject");
   if (objects.size() > 1 && (version_ < 4 || multiobject == hello_.end() || multiobject->second == "0")) {
-    throw std::invalid_argument("tracker '" + command_ + "' takes one object at a time");
+    throw std::invalid_argument("tracker '" + options_.name + "' takes one object at a time");
   }
   const std::string pixels = encode_trax_image(image, image_formats_);
   return guarded([&] {

@@ -22,6 +22,7 @@ struct TraxClientOptions {
   bool restart = false;
   /// File to which the tracker's output is appended; the standard error if empty.
   std::string log;
+  std::string name;  ///< in messages; the command if empty
 };
 
 /// An external tracker that speaks TraX, versions 1 to 4, as a child process.

@@ -52,7 +52,7 @@ class Solver {
   using BoundToPython = void;
 
   Solver(const std::string& method, const py::kwargs& options)
-      : method_(method), of_2_(make_method(solvers<2>(), method)), of_3_(make_method(solvers<3>(), method)) {
+      : method_(method), of_2_(solvers<2>().make(method)), of_3_(solvers<3>().make(method)) {
     set_options(of_2_, method, options);
     set_options(of_3_, method, options);
     most_rounds_ = most_rounds(this->options());

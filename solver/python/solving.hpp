@@ -99,18 +99,6 @@ py::dict options_of(AnySolver<S>& solver) {
   return list.values;
 }
 
-/// The method of this name; ValueError that also answers to the names of other libraries.
-template <typename Solvers>
-auto make_method(const Solvers& solvers, const std::string& name) {
-  const std::vector<std::string> known = solvers.names();
-  if (std::ranges::find(known, name) == known.end()) {
-    throw py::value_error(py::module_::import("asterism.names")
-                              .attr("unknown_method")(name, known)
-                              .template cast<std::string>());
-  }
-  return solvers.make(name);
-}
-
 /// What a solve returns to Python: for `check`, ValueError for input that the method refused, with `reason`
 /// or else the summary's message, and MemoryError if memory ran out.
 inline const Summary& checked(const Summary& summary, bool check, const std::string& reason = {}) {

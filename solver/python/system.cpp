@@ -1107,7 +1107,7 @@ void bind_system(py::module_& m) {
           "solve",
           [](TermSystem& self, const py::object& x, const std::string& method, const py::object& on_iteration,
              bool check, const py::kwargs& options) {
-            AnySolver<asterism::System> solver = make_method(system_solvers(), method);
+            AnySolver<asterism::System> solver = system_solvers().make(method);
             set_options(solver, method, options);
             py::array_t<double> array = output(x, "x", {self.system().nodes(), self.system().dim()});
             MatrixXd points = points_of(self.system(), array);

@@ -87,6 +87,17 @@ class AnalysisTest : public testing::Test {
     }
   }
 
+  /// Another run, as that of this number: both have 0.4 on the long sequence and 0.6 on the short one, good
+  /// fails in frame 13 of the long one.
+  void store_second(int number) const {
+    for (const std::string tracker : {"good", "bad"})
+      for (const Protocol protocol : {Protocol::Vot, Protocol::Otb}) {
+        const bool fails = tracker == "good" && protocol == Protocol::Vot;
+        store(tracker, protocol, 0, run(kLong, 0.4, fails ? 13 : 0), number);
+        store(tracker, protocol, 1, run(kShort, 0.6), number);
+      }
+  }
+
   std::string error_of(const AnalysisOptions& options = {}) const {
     try {
       analyse(campaign_, options);
@@ -147,6 +158,36 @@ TEST_F(AnalysisTest, FiguresAreThoseOfTheDefinitions) {
   EXPECT_EQ(*bad.losses[0].region, *with_overlap(0.5).region);
   EXPECT_FALSE(good.losses[0].failure);
   EXPECT_NEAR(good.losses[0].overlap, 0.6, 1e-12);
+}
+
+TEST_F(AnalysisTest, EveryStartAlone) {
+  store_all();
+  campaign_.options.starts = 2;
+  store_second(2);
+  const AnalysisOptions options{.interval = LengthInterval{5, 15}};
+  const auto& trackers = analyse(campaign_, options).trackers;
+  for (const std::size_t start : {0u, 1u}) {
+    // As the report of a campaign that has these runs only.
+    campaign_.folder = root_ / ("start " + std::to_string(start));
+    campaign_.options.starts = 1;
+    start == 0 ? store_all() : store_second(1);
+    const auto& alone = analyse(campaign_, options).trackers;
+    for (const TrackerScores& tracker : trackers) {
+      const auto& wanted = *std::ranges::find(alone, tracker.name, &TrackerScores::name)->supervised;
+      ASSERT_EQ(tracker.supervised->starts.size(), 2u);
+      const LegacyScores& found = tracker.supervised->starts[start];
+      EXPECT_NEAR(found.eao, wanted.legacy_eao, 1e-12);
+      EXPECT_NEAR(found.score.accuracy, wanted.legacy.accuracy, 1e-12);
+      EXPECT_EQ(found.score.failures, wanted.legacy.failures);
+      EXPECT_TRUE(wanted.mixed_starts.empty()) << "one start";
+    }
+  }
+  const TrackerScores& bad = *std::ranges::find(trackers, "bad", &TrackerScores::name);
+  EXPECT_EQ(bad.sequences[0].start_failures, (std::vector<double>{1, 0}));
+  // Half of the draws have the run that fails, as only the first sequence differs in it.
+  double failures = 0;
+  for (const LegacyScores& mixed : bad.supervised->mixed_starts) failures += mixed.score.failures;
+  EXPECT_NEAR(failures / static_cast<double>(bad.supervised->mixed_starts.size()), 0.5, 0.15);
 }
 
 TEST_F(AnalysisTest, IntervalsAndDifferencesArePaired) {

@@ -113,6 +113,13 @@ class Evaluation(unittest.TestCase):
         self.assertGreater(len(self.results()), 3 * (1 + 1 + 12))
         self.assertEqual(self.results(), self.results(other))
 
+    def test_images_that_are_compressed_again(self):
+        for quality, arguments in ((0, ()), (5, ("--jpeg", 5))):
+            out = self.out.with_name(f"jpeg{quality}")
+            self.assertEqual(self.evaluate("--sequences", "first", *arguments, out=out).returncode, 0)
+            self.assertEqual(run("report", out).returncode, 0)
+        self.assertNotEqual(self.results(self.out.with_name("jpeg0")), self.results(self.out.with_name("jpeg5")))
+
     def test_what_is_there_is_not_run_again(self):
         self.assertEqual(self.evaluate("--sequences", "first").returncode, 0)
         times = {f: f.read_text() for f in self.out.rglob("*.value")}
@@ -208,7 +215,7 @@ class Evaluation(unittest.TestCase):
         self.assertEqual(self.evaluate("--sequences", "first").returncode, 0)
         before = (self.out / "campaign.json").read_text()
         for arguments, words in [(("--boxes",), "boxes"), (("--seed", 2), "seed"), (("--overlap", "exact"), "overlap"),
-                                 (("--bits", 8), "range")]:
+                                 (("--bits", 8), "range"), (("--jpeg", 85), "jpeg")]:
             refused = self.evaluate(*arguments)
             self.assertEqual(refused.returncode, 1)
             self.assertIn(words, refused.stderr)
@@ -482,7 +489,7 @@ class Evaluation(unittest.TestCase):
                    '{"a":' * deep + "1" + "}" * deep, changed("record", to=json.loads("[" * 80 + "]" * 80)),
                    json.dumps(whole)[:-1], json.dumps(whole) + "x"]
         for key, values in {"starts": (0, -1, 1000, 2000000000, 1e300, 1.5, "3", None, [1]),
-                            "jitter": (-1, 1001, 1e300, "1", None), "seed": (-1, 2 ** 32, 1e300, 0.5, "x"),
+                            "jitter": (-1, 1001, 1e300, "1", None), "seed": (-1, 2 ** 32, 1e300, 0.5, "x"), "jpeg": (0, 101, "85", 8.5),
                             "overlap": ("wrong", 3, None), "bounded": (1, "yes", None), "boxes": (0, [])}.items():
             damaged += [changed("options", key, to=value) for value in values]
         for key, values in {"dataset": (3, None), "layout": ("wrong", 1), "protocols": (["wrong"], 3, [3], {}),

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """perturbations.py, which measures how much results change by chance: perturbations_test.py SCRIPT. Ends with 77 without NumPy."""
 
+import json
 import statistics
 import unittest
 
@@ -55,6 +56,38 @@ class PerturbationsTest(ScriptCase):
             result = self.run_on(text, options=options)
             self.assertEqual(result.returncode, 1)
             self.assertIn(error, result.stderr)
+
+    @staticmethod
+    def report(*starts, mixed=(), length=9):
+        scores = [dict(zip(("EAO", "A", "F"), each)) for each in (*starts, *mixed)]
+        tracker = {"name": "t", "vot": {"starts": scores[:len(starts)], "mixed_starts": scores[len(starts):]},
+                   "sequences": {name: {"start_F": [f * share for _, _, f in starts]} for name, share in (("a", 0), ("b", 1))}}
+        return {"sequences": {"a": length, "b": length}, "eao_interval": {"low": 3}, "trackers": [tracker, {"name": "one pass"}]}
+
+    def run_on_reports(self, *reports):
+        paths = [self.root / f"{i}.json" for i in range(len(reports))]
+        for path, report in zip(paths, reports):
+            path.write_text(report if isinstance(report, str) else json.dumps(report))
+        return self.run_script(*paths)
+
+    def test_reports(self):
+        mixed = ((0.3, 0.6, 4), (0.2, 0.6, 6))
+        result = self.run_on_reports(self.report((0.3, 0.5, 4), (0.2, 0.7, 6), mixed=mixed), self.report((0.4, 0.6, 2)))
+        self.assertEqual(result.stderr, "")
+        lines = result.stdout.splitlines()
+        # Of two draws, .3 and .2, the deviation is .05; that of two values from which they are drawn is larger by the root of 2.
+        self.assertEqual(self.cells(lines[2]), ["t", "EAO (3 runs)", "0.300", "0.1000", "0.0707", "0.196"])
+        self.assertEqual(self.cells(lines[4]), ["t", "F (3 runs)", "4.000", "2.0000", "1.4142", "3.920"])
+        self.assertEqual(lines[-1], "t: b 4 6 2, a 0 0 0")
+        for reports, error in (
+            ([self.report((0.3, 0.5, 4))], "0.json: t has one start only"),
+            ([self.report((0.3, 0.5, 4), (0.2, 0.7, 6), mixed=mixed), self.report((0.4, 0.6, 2), length=8)], "other sequences"),
+            (["{"], "Expecting"), (["{}"], "0.json: not a report of asterism-eval"), (["[]"], "0.json: not a report of asterism-eval"),
+        ):
+            result = self.run_on_reports(*reports)
+            self.assertEqual(result.returncode, 1)
+            self.assertIn(error, result.stderr)
+            self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
 
     def test_bad_input(self):
         for text, error in (

@@ -166,9 +166,17 @@ class TraxTest(unittest.TestCase):
             done = self.evaluate("--external", f"wrong={external}")
             self.assertEqual(done.returncode, 1)
             self.assertIn(text, done.stderr)
+        # Another python3, which does not find the package.
+        (self.folder / "python3").write_text(f'#!/bin/sh\nexec "{sys.executable}" -I "$@"\n')
+        (self.folder / "python3").chmod(0o755)
+        done = self.evaluate("--external", "elsewhere=python:mine:kcf", path=str(self.folder))
+        self.assertEqual(done.returncode, 1)
+        self.assertIn(f"{sys.executable}, which is python3 here: No module named 'asterism'", done.stderr)
+        self.assertTrue(done.stderr.endswith("tracker 'python:mine:kcf': ended with exit code 1 before its first answer\n"), done.stderr)
+        self.assertNotIn("Traceback", done.stderr)
 
-    def evaluate(self, *trackers):
-        path = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])  # python3 is the one that runs this test
+    def evaluate(self, *trackers, path=os.path.dirname(sys.executable)):
+        path = os.pathsep.join([path, os.environ["PATH"]])  # python3 is the one that runs this test
         command = [EVAL, "run", self.folder / "data", *trackers, "--out", "out", "--workers", "1"]
         return subprocess.run(command, cwd=self.folder, env=os.environ | {"PATH": path}, capture_output=True, text=True, timeout=300)
 

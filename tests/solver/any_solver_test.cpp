@@ -92,25 +92,67 @@ TEST(AnySolver, OptionsByName) {
   EXPECT_EQ(solver.options().tolerance, 1e-3);
 
   constexpr std::pair<const char*, const char*> kMeant[] = {
-      {"newtom", "newton"}, {"Levenberg-Marquardt", "newton"},
-      {"dogleg", "newton"}, {"LBFGS", "lbfgs"},
-      {"L-BFGS", "lbfgs"},  {"bfgs", "lbfgs"},
-      {"CG", "ncg"},        {"SMACOF", "ida"}};
-  for (const auto& [wrong, ours] : kMeant)
-    EXPECT_NE(refusal(wrong).find("did you mean '" + std::string(ours) + "'?"), std::string::npos)
+      {"newtom", ", did you mean 'newton'? (known: auto, ida, "},
+      {"Levenberg-Marquardt", ": use 'newton' for small systems, "},
+      {"dogleg", ": use 'newton' for"},
+      {"LBFGS", ", did you mean 'lbfgs'?"},
+      {"L-BFGS", ", did you mean 'lbfgs'?"},
+      {"bfgs", ": use 'lbfgs' (known: "},
+      {"CG", ": use 'ncg' (known: "},
+      {"SMACOF", ": use 'ida' (known: "},
+      {"quux", " (known: "}};
+  for (const auto& [wrong, answer] : kMeant)
+    EXPECT_TRUE(refusal(wrong).starts_with("unknown method '" + std::string(wrong) + "'" + answer))
         << refusal(wrong);
   EXPECT_EQ(refusal("newton", {{"max_iteration", 3}}),
             "newton: unknown option 'max_iteration', did you mean 'max_iterations'?");
   EXPECT_EQ(refusal("newton", {{"max_iterations", 2.5}}),
             "newton: option 'max_iterations' must be an integer");
   EXPECT_EQ(refusal("newton", {{"max_iterations", -1}}),
-            "newton: option 'max_iterations' is out of range: 0 to 1e+09");
+            "newton: option 'max_iterations' must be in [0, 1000000000], is -1");
+  EXPECT_EQ(refusal("ida", {{"relaxation", 2.5}}),
+            "ida: option 'relaxation' must be in [1e-09, 1.999999999], is 2.5");
   EXPECT_EQ(refusal("newton", {{"max_iterations", true}}),
             "newton: option 'max_iterations' must be an integer");
   EXPECT_EQ(refusal("newton", {{"tolerance", true}}), "newton: option 'tolerance' must be a number");
   EXPECT_EQ(refusal("newton", {{"align", 1}}), "newton: option 'align' must be true or false");
   EXPECT_EQ(refusal("multi-start", {{"seed", -1}}),
             "multi-start: option 'seed' must be an integer that is not negative");
+}
+
+// Without the compiled library, a registry knows no names of other libraries.
+TEST(AnySolver, NearNamesInARegistryOfOnesOwn) {
+  SolverRegistry<System> registry;
+  const auto message = [&](const char* name) {
+    try {
+      registry.make(name);
+    } catch (const std::invalid_argument& error) {
+      return std::string(error.what());
+    }
+    return std::string("made");
+  };
+  EXPECT_EQ(message("lm"), "unknown method 'lm'");
+  registry.add<Newton<System>>("newton");
+  registry.add<Descent>("descent");
+  EXPECT_EQ(message("Newtn"), "unknown method 'Newtn', did you mean 'newton'? (known: newton, descent)");
+  EXPECT_EQ(message("lm"), "unknown method 'lm' (known: newton, descent)");
+}
+
+TEST(AnySolver, MethodsElsewhereNameMethodsHere) {
+  const std::vector<std::string> known = solver_registry<System>().names();
+  for (const char* name : {"lm", "bfgs", "tnc", "cg", "smacof", "gnc", "global", "best", "sfdp", "ceres"}) {
+    const std::string answer = method_elsewhere(name, known);
+    EXPECT_FALSE(answer.empty()) << name;
+    for (std::size_t at = 0; (at = answer.find('\'', at)) != std::string::npos; ++at) {
+      const std::size_t end = answer.find('\'', ++at);
+      EXPECT_NE(std::ranges::find(known, answer.substr(at, end - at)), known.end()) << answer;
+      at = end;
+    }
+  }
+  EXPECT_EQ(method_elsewhere("ceres", {"ceres-cg", "ida", "ceres-dense"}),
+            "'auto'; as a reference: 'ceres-cg' or 'ceres-dense'");
+  for (const char* name : {"", "newton", "lm bfgs", "quux"})
+    EXPECT_EQ(method_elsewhere(name, known), "") << name;
 }
 
 TEST(AnySolver, OfOnesOwn) {

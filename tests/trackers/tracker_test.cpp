@@ -357,7 +357,7 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
             "dpt: option 'part' must be a part model's name or an object with it as \"model\", not "
             R"({"lambda":1})");
   EXPECT_EQ(refusal(R"(dpt{"part": {"model": "kcf", "lambda": -1}})"),
-            "kcf: KcfOptions: lambda must be in [1e-09, 1e+09], is -1");
+            "kcf: KcfOptions: lambda must be in [1e-09, 1000000000], is -1");
   EXPECT_EQ(refusal(R"(dpt{"spring_rate": 2})"), "DptOptions: spring_rate must be in [0, 1], is 2");
   EXPECT_EQ(refusal(R"({"part": "kcf"})"), "a tracker's description must have its name as \"tracker\"");
   EXPECT_NE(refusal(R"({"tracker": "dp"})").find("unknown tracker 'dp', did you mean 'dpt'?"),
@@ -1042,7 +1042,7 @@ TEST(Lgt, RefusesBadOptions) {
   EXPECT_EQ(refusal(R"(lgt{"max_parts": 0})"), "LgtOptions: max_parts must be in [1, 100], is 0");
   EXPECT_EQ(refusal(R"(lgt{"weight_rate": -1})"), "LgtOptions: weight_rate must be in [1e-09, 1], is -1");
   EXPECT_EQ(refusal(R"(lgt{"springs": {"reach": 0}})"),
-            "LgtOptions: springs.reach must be in [1e-09, 1e+09], is 0");
+            "LgtOptions: springs.reach must be in [1e-09, 1000000000], is 0");
   EXPECT_EQ(refusal(R"(lgt{"springs": {"reach": 1, "deformatio": 1}})"),
             "lgt: unknown option 'springs.deformatio', did you mean 'springs.deformation'?");
   EXPECT_NE(refusal(R"(lgt{"lost_below": 2})"), "taken");

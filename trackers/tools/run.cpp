@@ -105,7 +105,8 @@ void check(const Options& options) {
   check_picture("--timeline", options.timeline);
   check_picture("--constellation", options.constellation);
   if (!options.compare.empty() && options.sheet.empty())
-    throw std::runtime_error("--compare: the other trackers are drawn on a --sheet");
+    throw std::runtime_error(
+        "--compare draws the box of another tracker on the sheet: give --sheet FILE.png too");
   for (const std::string& other : options.compare) make_tracker(other);
 }
 

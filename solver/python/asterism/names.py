@@ -5,39 +5,12 @@ from __future__ import annotations
 import difflib
 from collections.abc import Sequence
 
-__all__ = ["no_attribute", "no_option", "unknown_method"]
+__all__ = ["no_attribute", "no_option"]
 
 
 def _plain(name: str) -> str:
     return "".join(c for c in name.lower() if c.isalnum())
 
-
-_SECOND_ORDER = ("'newton' for small systems, 'newton-sparse' or 'newton-cg' for large ones", ["ceres-dense", "ceres-sparse"])
-_QUASI_NEWTON = ("'lbfgs'", ["ceres-lbfgs", "liblbfgs"])
-
-# Methods of other libraries: what serves the same purpose here, and the reference solvers that some builds have.
-_METHODS: dict[str, tuple[str, list[str]]] = {
-    **dict.fromkeys(
-        ["levenbergmarquardt", "lm", "levmar", "gaussnewton", "dogleg", "trustncg", "trustregion", "trustexact", "trustkrylov", "trf", "hybr"],
-        _SECOND_ORDER,
-    ),
-    **dict.fromkeys(["bfgs", "lbfgsb", "quasinewton"], _QUASI_NEWTON),
-    **dict.fromkeys(["tnc", "truncatednewton", "newtonkrylov"], ("'newton-cg'", [])),
-    **dict.fromkeys(["cg", "conjugategradient", "nonlinearcg", "fletcherreeves", "polakribiere"], ("'ncg'", ["ceres-cg"])),
-    **dict.fromkeys(["smacof", "majorization", "majorisation", "localglobal", "arap"], ("'ida'", [])),
-    **dict.fromkeys(["gnc", "gncoptimizer", "graduatednonconvexity"], ("'graduated'", [])),
-    **dict.fromkeys(
-        ["basinhopping", "differentialevolution", "dualannealing", "shgo", "brute", "global"],
-        ("'multi-start', or 'branch-and-bound' for a proof of the minimum", []),
-    ),
-    **dict.fromkeys(["default", "best", "any"], ("'auto'", [])),
-    **dict.fromkeys(
-        ["kamadakawai", "stress", "neato", "spring", "fruchtermanreingold", "forceatlas2", "sfdp"],
-        ("the default, with which layout minimises the stress as Kamada and Kawai do", []),
-    ),
-    "ceres": ("'auto'", ["ceres-sparse", "ceres-dense", "ceres-lbfgs", "ceres-cg"]),
-    "cholmod": ("a sparse method", ["ida-cholmod", "newton-cholmod"]),
-}
 
 # Options of other libraries: the name here, and a remark.
 _OPTIONS: dict[str, tuple[str, str]] = {
@@ -96,22 +69,6 @@ _LEFT_OUT = {
 
 # The method that has an option, if not all have it.
 _OWNER = {"starts": "multi-start", "seed": "multi-start", "spread": "multi-start", "max_nodes": "branch-and-bound"}
-
-
-def unknown_method(name: str, known: Sequence[str]) -> str:
-    """The message for a method that is not known."""
-    plain = _plain(name)
-    listed = f" (known: {', '.join(known)})"
-    same = [method for method in known if _plain(method) == plain]
-    if same:
-        return f"unknown method '{name}', did you mean '{same[0]}'?{listed}"
-    if plain in _METHODS:
-        ours, references = _METHODS[plain]
-        there = [f"'{method}'" for method in references if method in known]
-        more = f"; as a reference: {' or '.join(there)}" if there else ""
-        return f"unknown method '{name}': use {ours}{more}{listed}"
-    near = difflib.get_close_matches(name.lower(), known, 1)
-    return f"unknown method '{name}'" + (f", did you mean '{near[0]}'?" if near else "") + listed
 
 
 def no_option(of: str, name: str, known: Sequence[str]) -> str:

@@ -279,6 +279,7 @@ Summary SystemGraduated::solve(const System& system, Eigen::MatrixXd& x) const {
 
 SolverRegistry<System> system_solvers() {
   SolverRegistry<System> registry;
+  registry.set_elsewhere(method_elsewhere);
   registry.add<detail::SystemAuto>("auto");
   registry.add<detail::SystemNewton>("newton");
   registry.add<detail::SystemNewtonCg>("newton-cg");

@@ -55,6 +55,7 @@ SolverRegistry<System> solver_registry() {
     registry.template add<detail::JacobiLbfgs<System>>("lbfgs-jacobi");
   }
 #ifdef ASTERISM_SOLVER_COMPILED
+  registry.set_elsewhere(method_elsewhere);
   if constexpr (HasTerms<System>) {
     registry.add("newton-sparse", [] { return system_solver<System>("newton"); });
     add_system_solvers(registry);

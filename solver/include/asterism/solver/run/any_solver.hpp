@@ -16,7 +16,6 @@
 #include <functional>
 #include <memory>
 #include <new>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -166,34 +165,34 @@ struct SolverDescription {
 
 namespace detail {
 
-/// The name of a method here, for one that other libraries have or that is written with other letters. May be
-/// no method.
-inline std::string name_here(std::string_view name) {
-  std::string plain;
+/// The lower-case letters and the digits of a name, which is often written with others: "lbfgs" of "L-BFGS".
+inline std::string letters_of(std::string_view name) {
+  std::string letters;
   for (const char c : name) {
-    if (c >= 'A' && c <= 'Z') plain += static_cast<char>(c - 'A' + 'a');
-    if ((c >= 'a' && c <= 'z') || (c >= '0' && c <= '9')) plain += c;
+    if (c >= 'A' && c <= 'Z') letters += static_cast<char>(c - 'A' + 'a');
+    if ((c >= 'a' && c <= 'z') || (c >= '0' && c <= '9')) letters += c;
   }
-  constexpr std::pair<std::string_view, std::string_view> kSame[] = {{"levenbergmarquardt", "newton"},
-                                                                     {"lm", "newton"},
-                                                                     {"gaussnewton", "newton"},
-                                                                     {"dogleg", "newton"},
-                                                                     {"trustregion", "newton"},
-                                                                     {"bfgs", "lbfgs"},
-                                                                     {"lbfgsb", "lbfgs"},
-                                                                     {"cg", "ncg"},
-                                                                     {"conjugategradient", "ncg"},
-                                                                     {"nonlinearcg", "ncg"},
-                                                                     {"smacof", "ida"},
-                                                                     {"majorisation", "ida"},
-                                                                     {"gnc", "graduated"},
-                                                                     {"gncoptimizer", "graduated"},
-                                                                     {"ceres", "auto"},
-                                                                     {"default", "auto"}};
-  for (const auto& [theirs, ours] : kSame) {
-    if (plain == theirs) return std::string(ours);
+  return letters;
+}
+
+/// What to use for a method of another library, whose name has these letters, where those of `known` are
+/// there; empty for other names.
+using MethodsElsewhere = std::string (*)(std::string_view letters, const std::vector<std::string>& known);
+
+/// The message for a method that is not known.
+inline std::string unknown_method(std::string_view name, const std::vector<std::string>& known,
+                                  MethodsElsewhere elsewhere) {
+  std::string message = "unknown method '" + std::string(name) + "'";
+  const std::string letters = letters_of(name);
+  const std::string answer = elsewhere != nullptr ? elsewhere(letters, known) : std::string();
+  const auto near = nearest(letters, known, letters_of);
+  if (!answer.empty()) {
+    message += ": use " + answer;
+  } else if (near != known.end() && 2 * edit_distance(letters, letters_of(*near)) <= letters.size()) {
+    message += ", did you mean '" + *near + "'?";
   }
-  return plain;
+  for (const std::string& each : known) message += (&each == known.data() ? " (known: " : ", ") + each;
+  return known.empty() ? message : message + ")";
 }
 
 /// Sets one option.
@@ -212,7 +211,7 @@ class OptionSetter final : public OptionVisitor {
     } else {
       refuse("must be a number");
     }
-    if (!(number >= range.least && number <= range.most)) refuse_range(range);
+    if (!(number >= range.least && number <= range.most)) refuse(out_of_range(range, number));
     value = number;
   }
   void operator()(std::string_view name, int& value, const OptionRange& range) override {
@@ -221,7 +220,7 @@ class OptionSetter final : public OptionVisitor {
     if (integer == nullptr) refuse("must be an integer");
     const auto number = static_cast<double>(*integer);
     const OptionRange held{std::max(range.least, -2147483647.0), std::min(range.most, 2147483647.0)};
-    if (!(number >= held.least && number <= held.most)) refuse_range(held);
+    if (!(number >= held.least && number <= held.most)) refuse(out_of_range(held, number));
     value = static_cast<int>(*integer);
   }
   void operator()(std::string_view name, bool& value) override {
@@ -262,17 +261,6 @@ class OptionSetter final : public OptionVisitor {
     raise(std::invalid_argument(std::string(of_) + ": option '" + option_.name + "' " + std::string(what)));
   }
 
-  [[noreturn]] void refuse_range(const OptionRange& range) const {
-    std::ostringstream what;
-    what << "is out of range: ";
-    if (range.most < 2147483647) {
-      what << range.least << " to " << range.most;
-    } else {
-      what << "at least " << range.least;
-    }
-    refuse(what.str());
-  }
-
   std::string_view of_;
   const NamedOption& option_;
   std::vector<std::string> names_;
@@ -299,19 +287,11 @@ class SolverRegistry {
   }
 
   /// A solver with these options. Throws std::invalid_argument that names the nearest known for an unknown
-  /// solver or option, and says what is wrong with a value.
+  /// solver or option, or what serves as another library's method, and says what is wrong with a value.
   AnySolver<System> make(std::string_view name, const std::vector<NamedOption>& options = {}) const {
     const auto at = find(name);
-    if (at == entries_.end()) {
-      std::string message = "unknown solver '" + std::string(name) + "'";
-      if (!entries_.empty())
-        message += ", did you mean '" +
-                   detail::nearest(detail::name_here(name), entries_, &Entry::name)->name + "'?";
-      for (const Entry& entry : entries_)
-        message += (&entry == &entries_.front() ? " (known: " : ", ") + entry.name;
-      if (!entries_.empty()) message += ')';
-      detail::raise(std::invalid_argument(message));
-    }
+    if (at == entries_.end())
+      detail::raise(std::invalid_argument(detail::unknown_method(name, names(), elsewhere_)));
     AnySolver<System> solver = at->make();
     if (certifier_) solver.set_certifier(certifier_);
     for (const NamedOption& option : options) {
@@ -324,6 +304,9 @@ class SolverRegistry {
 
   /// The solver that a description names. Throws as above.
   AnySolver<System> make(const SolverDescription& solver) const { return make(solver.name, solver.options); }
+
+  /// What errors say of other libraries' methods: method_elsewhere.
+  void set_elsewhere(detail::MethodsElsewhere elsewhere) { elsewhere_ = elsewhere; }
 
   /// See kept_certifier.
   void set_certifier(CertifierSource source) { certifier_ = std::move(source); }
@@ -348,6 +331,7 @@ class SolverRegistry {
 
   std::vector<Entry> entries_;
   CertifierSource certifier_;
+  detail::MethodsElsewhere elsewhere_ = nullptr;
 };
 
 }  // namespace ASTERISM_ABI

@@ -4,6 +4,7 @@
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/memory.hpp>
 #include <charconv>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <initializer_list>
@@ -106,6 +107,19 @@ class OptionVisitor {
 
 namespace detail {
 
+/// "must be in [0, 1], is 2"; whole numbers have all of their digits.
+inline std::string out_of_range(const OptionRange& range, double value) {
+  const auto text = [](double number) {
+    const double size = std::abs(number);
+    std::array<char, 32> buffer{};
+    return std::string(buffer.data(), std::to_chars(buffer.data(), buffer.data() + buffer.size(), number,
+                                                    size >= 1 && size < 1e15 ? std::chars_format::fixed
+                                                                             : std::chars_format::general)
+                                          .ptr);
+  };
+  return "must be in [" + text(range.least) + ", " + text(range.most) + "], is " + text(value);
+}
+
 /// Refuses an option that is out of range.
 class RangeCheck final : public OptionVisitor {
  public:
@@ -126,16 +140,10 @@ class RangeCheck final : public OptionVisitor {
   void leave() override { path_.pop_back(); }
 
   [[noreturn]] void refuse(std::string_view name, double value, const OptionRange& range) const {
-    const auto text = [](double number) {
-      std::array<char, 32> buffer{};
-      return std::string(buffer.data(),
-                         std::to_chars(buffer.data(), buffer.data() + buffer.size(), number).ptr);
-    };
     std::string message(of_);
     message += ": ";
     for (const std::string_view options : path_) message.append(options).append(1, '.');
-    message.append(name) +=
-        " must be in [" + text(range.least) + ", " + text(range.most) + "], is " + text(value);
+    message.append(name) += " " + out_of_range(range, value);
     raise(std::invalid_argument(message));
   }
 

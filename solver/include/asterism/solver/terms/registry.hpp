@@ -7,7 +7,9 @@
 #include <asterism/solver/terms/system.hpp>
 #include <functional>
 #include <memory>
+#include <string>
 #include <string_view>
+#include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -15,6 +17,10 @@ inline namespace ASTERISM_ABI {
 /// The methods for a System by name, with their options by name, as for every other type of systems:
 /// system_solvers().make("multi-start", {{"starts", 50}}). Solvers of one's own can be added.
 ASTERISM_API SolverRegistry<System> system_solvers();
+
+/// What to use for a method of another library, such as "'lbfgs'" for "bfgs"; of the reference solvers, those
+/// of `known`. `letters`: the lower-case letters and the digits of its name. Empty for other names.
+ASTERISM_API std::string method_elsewhere(std::string_view letters, const std::vector<std::string>& known);
 
 /// A Cholesky factorisation of sparse matrices, such as another package's. Its members may throw
 /// std::bad_alloc.
