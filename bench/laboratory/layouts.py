@@ -9,8 +9,9 @@ the same distances, after the drawing is scaled to its least stress, because the
 estimated from the paths of the same 50 nodes for all. It is relative to the least one of the table. "ours" is the CPU time in which
 asterism.layout (one start) first has no more stress than that program's drawing, with everything before it; "-" if it never has. --made
 draws ten kinds of random graphs of about N nodes, with a fifth more edges (graphs.py), and ends with a table of all. A program of Graphviz
-that takes longer than --limit is stopped, and a line says so. Needs the Python module of Asterism; graphviz, python3-igraph and
-python3-sklearn add their programs if installed.
+or of JavaScript that takes longer than --limit is stopped, and a line says so. Needs the Python module of Asterism; graphviz,
+python3-igraph, python3-networkx, python3-sklearn and nodejs with node-d3-force and the npm package webcola add their programs if
+installed. Packages of npm are found in the folder that is current, or by NODE_PATH.
 """
 
 import os
@@ -20,6 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
 import gzip
+import json
 import pathlib
 import resource
 import shlex
@@ -45,6 +47,10 @@ try:
 except ImportError:
     igraph = None
 try:
+    import networkx
+except ImportError:
+    networkx = None
+try:
     from sklearn import manifold
 except ImportError:
     manifold = None
@@ -54,7 +60,7 @@ Row = tuple[str, float, float]  # program, stress, CPU seconds
 
 
 class limit:
-    seconds = 600.0  # of wall-clock time for a program of Graphviz
+    seconds = 600.0  # of wall-clock time for a program of Graphviz or JavaScript
 
 
 class BadInput(Exception):
@@ -135,6 +141,31 @@ def of_igraph(method: str) -> Callable[[Edges, int], np.ndarray]:
     return draw
 
 
+def of_networkx(draw_graph: str, **options: object) -> Callable[[Edges, int], np.ndarray]:
+    def draw(edges: Edges, n: int) -> np.ndarray:
+        graph = networkx.empty_graph(n)
+        graph.add_weighted_edges_from(edges, weight="length")
+        pos = getattr(networkx, draw_graph)(graph, **options)
+        return np.array([pos[k] for k in range(n)])
+
+    return draw
+
+
+# Debian's packages of node, and those of npm in the current folder.
+NODE_PATHS = os.pathsep.join(["node_modules", "/usr/share/nodejs", *filter(None, [os.environ.get("NODE_PATH")])])
+
+
+def node(*arguments: str, text: str = "") -> str:
+    environment = {**os.environ, "NODE_PATH": NODE_PATHS}
+    command = ["node", "--max-old-space-size=8000", *arguments]
+    return subprocess.run(command, input=text, env=environment, capture_output=True, text=True, check=True, timeout=limit.seconds).stdout
+
+
+def of_javascript(method: str) -> Callable[[Edges, int], np.ndarray]:
+    script = str(pathlib.Path(__file__).with_name("layouts.js"))
+    return lambda edges, n: np.array(json.loads(node(script, method, text=json.dumps({"nodes": n, "edges": edges}))))
+
+
 def smacof(edges: Edges, n: int) -> np.ndarray:
     graph = asterism._asterism._Graph(n, np.array([edge[:2] for edge in edges]), np.array([edge[2] for edge in edges]))
     everyone = np.arange(n)[None]
@@ -160,6 +191,17 @@ def programs() -> Iterator[Program]:
         yield Program("igraph drl", 200000, of_igraph("drl"))
     else:
         print("without igraph's layouts: not installed (Debian package python3-igraph)")
+    if networkx:
+        yield Program("networkx kamada_kawai", 1500, of_networkx("kamada_kawai_layout", weight="length"))
+        yield Program("networkx spring", 3000, of_networkx("spring_layout", weight=None, seed=1))
+    else:
+        print("without networkx's layouts: not installed (Debian package python3-networkx)")
+    for name, most, source in (("d3-force", 20000, "Debian package node-d3-force"), ("webcola", 3000, "npm package webcola"), ("sgd", 3000, "")):
+        try:
+            node("-e", f'require("{name}")' if source else "")
+            yield Program("sgd by its paper" if name == "sgd" else name, most, of_javascript(name))
+        except (OSError, subprocess.SubprocessError):
+            print(f"without {name}: not installed ({source or 'Debian package nodejs'})")
     if manifold:
         yield Program("sklearn smacof*", 3000, smacof)
     else:
@@ -248,7 +290,7 @@ def main() -> None:
     parser.add_argument("--made", type=int, metavar="N", help="also random graphs of about so many nodes")
     parser.add_argument("--kinds", help="of --made, separated by commas (default: all)")
     parser.add_argument("--seed", type=int, default=1, help="of --made")
-    parser.add_argument("--limit", type=float, default=limit.seconds, help="of the wall-clock time of a program of Graphviz [s] (%(default)g)")
+    parser.add_argument("--limit", type=float, default=limit.seconds, help="of the wall-clock time of a program of Graphviz or JavaScript [s] (%(default)g)")
     parser.add_argument("--programs", help="names, separated by commas (default: all)")
     options = parser.parse_args()
     if not options.files and options.made is None:

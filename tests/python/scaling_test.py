@@ -147,25 +147,25 @@ class MdsTest(unittest.TestCase):
 
     @unittest.skipUnless(scipy, "needs SciPy")
     def test_new_points_are_where_two_descents_end(self):
-        # The same without haste: the minima of some held points from two starts, and from the lower one that of all.
-        for dim in (2, 3, 5):
-            held, new = self.random.normal(size=(80, dim)), 2 * self.random.normal(size=(30, dim))
-            away = np.linalg.norm(new[:, None] - held, axis=2) + self.random.exponential(size=(30, 80))
-            placed = asterism._asterism._place(held, away, np.ones((1, 80)), np.empty((0, dim)), 1)
-            few = 24 + 2 * dim
+        # The same without haste: the lower one of the minima from weighted squares of the distances and from the mirror image of that one.
+        for dim in (1, 2, 3, 4, 5, 10):
+            held, new = self.random.normal(size=(81, dim)), 2 * self.random.normal(size=(30, dim))
+            away = np.linalg.norm(new[:, None] - held, axis=2) + self.random.exponential(size=(30, 81))
+            weights = self.random.uniform(0.2, 2, away.shape) * (self.random.random(away.shape) < 0.8)
+            placed = asterism._asterism._place(held, np.where(weights > 0, away, np.nan), weights, np.empty((0, dim)), 1)
             same = 0
-            for x, d in zip(placed, away):
-                of = lambda y, k: np.sum((d[:k] - np.linalg.norm(y - held[:k], axis=1)) ** 2)
-                least = lambda start, k: scipy.optimize.minimize(of, start, (k,), method="BFGS", options={"gtol": 1e-8}).x
-                offsets = held[:few] - held[:few].mean(axis=0)
-                excess = np.sum(offsets**2, axis=1) - d[:few] ** 2
-                start = held[:few].mean(axis=0) + np.linalg.solve(offsets.T @ offsets, 0.5 * offsets.T @ (excess - excess.mean()))
-                first = least(start, few)
-                second = least(held[d.argmin()] + 1e-3 * (first - held[d.argmin()]), few)
-                end = least(min(first, second, key=lambda y: of(y, 80)), 80)
-                self.assertLessEqual(of(x, 80), of(end, 80) * 1.2)
+            for x, d, w in zip(placed, away, weights):
+                of = lambda y: np.sum(w * (d - np.linalg.norm(y - held, axis=1)) ** 2)
+                least = lambda start: scipy.optimize.minimize(of, start, method="BFGS", options={"gtol": 1e-8}).x
+                # |y|^2 - 2 y h + |h|^2 = d^2, linear in |y|^2 and y.
+                root = np.sqrt(w) / np.maximum(d, 0.1 * np.average(d, weights=w))
+                unknown = np.column_stack([np.ones(81), -2 * held])
+                first = least(np.linalg.lstsq(root[:, None] * unknown, root * (d**2 - np.sum(held**2, axis=1)), rcond=None)[0][1:])
+                second = least(2 * held[np.where(w > 0, d, np.inf).argmin()] - first)
+                end = min(first, second, key=of)
+                self.assertLessEqual(of(x), of(end) * 1.2)
                 same += np.abs(x - end).max() < 1e-5
-            self.assertGreaterEqual(same, 29)
+            self.assertGreaterEqual(same, 28 if dim > 1 else 24, dim)
         with self.assertRaisesRegex(ValueError, "a row of distances and weights for each point that is held"):
             asterism._asterism._place(held, away[:, :5].copy(), np.ones((1, 80)), np.empty((0, 5)), 1)
 

@@ -1,31 +1,32 @@
 #include "link_rows_kernel.hpp"
+#include "placed_points_kernel.hpp"
 
-// The kernel for all machines, and the choice of one.
+// The kernels for all machines, and the choice of one.
 
 namespace asterism::lanes_v0_1 {
 
-double sum_avx2(const LinkRows& links);
-double sum_avx512(const LinkRows& links);
-PointSums sum_avx2(const PointRow& row);
-PointSums sum_avx512(const PointRow& row);
+double run_avx2(const LinkRows& links);
+double run_avx512(const LinkRows& links);
+void run_avx2(const PlacedPoints& points);
+void run_avx512(const PlacedPoints& points);
 
 namespace {
 
-template <typename Row>
-auto sum_with_the_widest(const Row& row) {
+template <typename Task>
+auto run_with_the_widest(const Task& task) {
 #ifdef ASTERISM_LANES_X86
   const auto has_fma = [] { return __builtin_cpu_supports("fma") != 0; };
   if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
       __builtin_cpu_supports("avx512vl") && has_fma())
-    return sum_avx512(row);
-  if (__builtin_cpu_supports("avx2") && has_fma()) return sum_avx2(row);
+    return run_avx512(task);
+  if (__builtin_cpu_supports("avx2") && has_fma()) return run_avx2(task);
 #endif
-  return sum_with_these_instructions(row);
+  return run_with_these_instructions(task);
 }
 
 }  // namespace
 
-double sum(const LinkRows& links) { return sum_with_the_widest(links); }
-PointSums sum(const PointRow& row) { return sum_with_the_widest(row); }
+double sum(const LinkRows& links) { return run_with_the_widest(links); }
+void place(const PlacedPoints& points) { run_with_the_widest(points); }
 
 }  // namespace asterism::lanes_v0_1

@@ -42,22 +42,25 @@ struct LinkRows {
 /// Twice the energy of the links; not finite if a force is not.
 double sum(const LinkRows& links);
 
-/// A point x and others h at distances d from it, with weights w.
-struct PointRow {
-  int count;              ///< of the others
-  int dim;                ///< 2 or 3
-  const double* point;    ///< its coordinates
-  const double* others;   ///< a row of finite numbers for each coordinate
-  std::ptrdiff_t stride;  ///< from one row to the next, count + kBeyond at least
-  const double *distances, *weights;
+/// No instructions have more numbers in a vector.
+inline constexpr int kMostLanes = 8;
+
+/// New points, each of which is to be placed by itself among points that are held.
+struct PlacedPoints {
+  int held;          ///< the number of those that are held
+  int dim;           ///< of coordinates
+  const double* at;  ///< the held points, one after the other
+  int count;         ///< of new points
+  /// Of a new point from all that are held, NaN where it is not known; and from one new point to the next.
+  const double* distances;
+  std::ptrdiff_t distances_stride;
+  const double* weights;          ///< of the distances
+  std::ptrdiff_t weights_stride;  ///< 0 where all new points have the same
+  bool have_starts;
+  double* places;  ///< starts, if there are, and in the end the places; NaN if no distance is known
+  double* room;    ///< for kMostLanes (2 held + 6 + 9 dim + 3 dim (dim + 1) / 2) numbers
 };
 
-/// The stress sum w (d - |x - h|)^2; half its gradient by x; and half its Hessian, the lower triangle column
-/// by column.
-struct PointSums {
-  double stress, gradient[3], hessian[6];
-};
-
-ASTERISM_API PointSums sum(const PointRow& row);
+ASTERISM_API void place(const PlacedPoints& points);
 
 }  // namespace asterism::lanes_v0_1

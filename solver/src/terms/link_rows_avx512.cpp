@@ -1,12 +1,13 @@
 #define ASTERISM_LANES_AVX512
 
 #include "link_rows_kernel.hpp"
+#include "placed_points_kernel.hpp"
 
 namespace asterism::lanes_v0_1 {
 
-double sum_avx512(const LinkRows& links);
-double sum_avx512(const LinkRows& links) { return sum_with_these_instructions(links); }
-PointSums sum_avx512(const PointRow& row);
-PointSums sum_avx512(const PointRow& row) { return sum_with_these_instructions(row); }
+double run_avx512(const LinkRows& links);
+double run_avx512(const LinkRows& links) { return run_with_these_instructions(links); }
+void run_avx512(const PlacedPoints& points);
+void run_avx512(const PlacedPoints& points) { run_with_these_instructions(points); }
 
 }  // namespace asterism::lanes_v0_1

@@ -119,61 +119,9 @@ double sum_in(const LinkRows& links) {
   return with_forces ? sum_of<L, kDim, false, true>(links) : sum_of<L, kDim, false, false>(links);
 }
 
-double sum_with_these_instructions(const LinkRows& links) {
+double run_with_these_instructions(const LinkRows& links) {
   if (links.dim == 2) return sum_in<2>(links);
   return links.dim == 3 ? sum_in<3>(links) : sum_in<0>(links);
-}
-
-template <typename L, int kDim>
-PointSums sum_of(const PointRow& row) {
-  using V = typename L::V;
-  constexpr int kLanes = L::kLanes, kEntries = kDim * (kDim + 1) / 2;
-  const V zero = L::set(0), least = L::set(kLeastLengthSquare);
-  V stress = zero, across = zero, from[kDim], gradient[kDim], hessian[kEntries];
-  for (int c = 0; c < kDim; ++c) from[c] = L::set(row.point[c]), gradient[c] = zero;
-  for (int n = 0; n < kEntries; ++n) hessian[n] = zero;
-
-  // The others from e on, with the distances and weights at these addresses.
-  const auto add = [&](int e, const double* distances, const double* weights) ASTERISM_INLINED {
-    V u[kDim], square = least;
-    for (int c = 0; c < kDim; ++c) {
-      u[c] = from[c] - L::load(row.others + c * row.stride + e);
-      square = L::fma(u[c], u[c], square);
-    }
-    const V inverse = L::inverse_sqrt(square);
-    const V d = L::load(distances), w = L::load(weights);
-    const V stretch = square * inverse - d, share = w * d * inverse, pull = w - share;
-    stress = L::fma(w * stretch, stretch, stress);
-    across = across + pull;
-    const V bend = share * inverse * inverse;
-    for (int j = 0, n = 0; j < kDim; ++j) {
-      gradient[j] = L::fma(pull, u[j], gradient[j]);
-      const V bent = bend * u[j];
-      for (int i = j; i < kDim; ++i, ++n) hessian[n] = L::fma(bent, u[i], hessian[n]);
-    }
-  };
-  int e = 0;
-  for (; e + kLanes <= row.count; e += kLanes) add(e, row.distances + e, row.weights + e);
-  if (e < row.count) {
-    double numbers[2][kLanes] = {};
-    for (int w = 0; e + w < row.count; ++w) {
-      numbers[0][w] = row.distances[e + w];
-      numbers[1][w] = row.weights[e + w];
-    }
-    add(e, numbers[0], numbers[1]);
-  }
-
-  PointSums sums{total<L>(stress), {}, {}};
-  const double along_all = total<L>(across);
-  for (int j = 0, n = 0; j < kDim; ++j) {
-    sums.gradient[j] = total<L>(gradient[j]);
-    for (int i = j; i < kDim; ++i, ++n) sums.hessian[n] = total<L>(hessian[n]) + (i == j ? along_all : 0.0);
-  }
-  return sums;
-}
-
-PointSums sum_with_these_instructions(const PointRow& row) {
-  return row.dim == 2 ? sum_of<DoubleLanes, 2>(row) : sum_of<DoubleLanes, 3>(row);
 }
 
 }  // namespace
