@@ -2,7 +2,6 @@
 // Lbfgs, NewtonCg and Auto.
 #include <gtest/gtest.h>
 
-#include <Eigen/Cholesky>
 #include <asterism/solver.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
 #include <cmath>
@@ -16,6 +15,7 @@
 #include <vector>
 
 #include "by_terms.hpp"
+#include "matrices.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
@@ -86,7 +86,7 @@ TYPED_TEST(Edges, ZeroRestLengthsPullTogether) {
     K(link.i, link.i) += k, K(link.j, link.j) += k, K(link.i, link.j) -= k, K(link.j, link.i) -= k;
   }
   const Points expected =
-      (K.ldlt().solve(Eigen::MatrixXd((system.anchors * system.anchor_stiffness.asDiagonal()).transpose())))
+      testing::solve_definite(K, (system.anchors * system.anchor_stiffness.asDiagonal()).transpose())
           .transpose();
   EXPECT_LT((x - expected).cwiseAbs().maxCoeff(), 1e-6);
 }

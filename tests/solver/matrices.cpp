@@ -1,5 +1,6 @@
 #include "matrices.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
@@ -10,6 +11,10 @@ Eigen::VectorXd eigenvalues(const Eigen::MatrixXd& A) {
 }
 
 Eigen::MatrixXd inverse(const Eigen::MatrixXd& A) { return A.fullPivLu().inverse(); }
+
+Eigen::MatrixXd solve_definite(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B) {
+  return A.ldlt().solve(B);
+}
 
 ::testing::AssertionResult is_near(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b, double accuracy) {
   if (a.rows() != b.rows() || a.cols() != b.cols()) return ::testing::AssertionFailure() << "of other sizes";

@@ -13,6 +13,8 @@ namespace asterism::testing {
 Eigen::VectorXd eigenvalues(const Eigen::MatrixXd& A);
 /// A^-1, by LU with full pivoting.
 Eigen::MatrixXd inverse(const Eigen::MatrixXd& A);
+/// A^-1 B, for a symmetric positive definite matrix with A's lower triangle.
+Eigen::MatrixXd solve_definite(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
 /// Whether |a - b| is less than `accuracy` |b|, in the Frobenius norm.
 ::testing::AssertionResult is_near(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b, double accuracy);
 /// Whether all entries are equal.

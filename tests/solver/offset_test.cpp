@@ -62,7 +62,7 @@ Eigen::MatrixXd least_squares(const System<Dim>& system) {
     K += system.link_stiffness[l] * row * row.transpose();
     right += system.link_stiffness[l] * row * system.rest_offset.col(l).transpose();
   }
-  return K.llt().solve(right).transpose();
+  return testing::solve_definite(K, right).transpose();
 }
 
 template <int Dim>
