@@ -109,15 +109,18 @@ namespace detail {
 
 /// "must be in [0, 1], is 2"; whole numbers have all of their digits.
 inline std::string out_of_range(const OptionRange& range, double value) {
-  const auto text = [](double number) {
+  std::string text;
+  const auto append = [&text](std::string_view before, double number) {
     const double size = std::abs(number);
     std::array<char, 32> buffer{};
-    return std::string(buffer.data(), std::to_chars(buffer.data(), buffer.data() + buffer.size(), number,
-                                                    size >= 1 && size < 1e15 ? std::chars_format::fixed
-                                                                             : std::chars_format::general)
-                                          .ptr);
+    const auto form = size >= 1 && size < 1e15 ? std::chars_format::fixed : std::chars_format::general;
+    char* const end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), number, form).ptr;
+    text.append(before).append(buffer.data(), end);
   };
-  return "must be in [" + text(range.least) + ", " + text(range.most) + "], is " + text(value);
+  append("must be in [", range.least);
+  append(", ", range.most);
+  append("], is ", value);
+  return text;
 }
 
 /// Refuses an option that is out of range.
@@ -143,7 +146,7 @@ class RangeCheck final : public OptionVisitor {
     std::string message(of_);
     message += ": ";
     for (const std::string_view options : path_) message.append(options).append(1, '.');
-    message.append(name) += " " + out_of_range(range, value);
+    message.append(name).append(1, ' ').append(out_of_range(range, value));
     raise(std::invalid_argument(message));
   }
 
