@@ -22,7 +22,8 @@ struct TraxClientOptions {
   bool restart = false;
   /// File to which the tracker's output is appended; the standard error if empty.
   std::string log;
-  std::string name;  ///< in messages; the command if empty
+  /// What messages call it; the command if empty.
+  std::string name = {};
 };
 
 /// An external tracker that speaks TraX, versions 1 to 4, as a child process.
