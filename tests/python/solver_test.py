@@ -448,7 +448,7 @@ class SolveTest(unittest.TestCase):
                 with self.subTest(name), self.assertRaisesRegex(ValueError, f"^unknown method '{name}'.*{ours}.*known: auto, "):
                     call()
         if "ceres-dense" in asterism.methods():
-            with self.assertRaisesRegex(ValueError, "as a reference: 'ceres-sparse'"):
+            with self.assertRaisesRegex(ValueError, "as a reference: 'ceres-dense'"):
                 asterism.solve(system, x, "ceres")
         for name, ours in {"max_iter": "'max_iterations'", "eps": "'tolerance'", "tolerence": "'tolerance'", "n_jobs": "'threads'"}.items():
             with self.subTest(name), self.assertRaisesRegex(TypeError, f"^the default method 'auto' has no option '{name}'.*{ours}"):
