@@ -34,10 +34,15 @@ void for_each_hessian_block(const System& system, const typename System::Points&
         const Block curvature = link_curvature(force, spring);
         const bool fixed_i = system.is_fixed(link.i);
         const bool fixed_j = system.is_fixed(link.j);
-        const Block stiffness = diagonal<System::kDim>(system.link_stiffness[l]);
-        add(link.i, fixed_i ? stiffness : curvature);
-        add(link.j, fixed_j ? stiffness : curvature);
-        if (!fixed_i && !fixed_j) couple(l, link, Block(-curvature));
+        if (fixed_i || fixed_j) [[unlikely]] {
+          const Block stiffness = diagonal<System::kDim>(system.link_stiffness[l]);
+          add(link.i, fixed_i ? stiffness : curvature);
+          add(link.j, fixed_j ? stiffness : curvature);
+          return;
+        }
+        add(link.i, curvature);
+        add(link.j, curvature);
+        couple(l, link, Block(-curvature));
       });
 }
 
