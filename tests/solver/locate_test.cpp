@@ -272,6 +272,25 @@ TEST(Locate, FindsTheBestOfAllSetsOfInliers) {
   }
 }
 
+TEST(Locate, FindsTheInliersAmongManyRanges) {
+  Rng rng(11);
+  for (int n = 0; n < 5; ++n) {
+    auto problem = random_problem<3>(rng, kScattered, 0.1, 90);
+    std::vector<bool> right(problem.count(), true);
+    for (std::size_t i = 0; i < problem.count(); i += 3) {
+      problem.ranges[i] += rng.uniform(5, 10);
+      right[i] = false;
+    }
+    problem.cutoff = 5;
+    const PositionFix<3> fix = problem.solve();
+    ASSERT_EQ(fix.status, Status::Converged) << text(fix);
+    EXPECT_TRUE(fix.proven) << text(fix);
+    EXPECT_EQ(problem.inliers(fix.minima[0].x), right);
+    const Point<3> x = problem.descended(fix.minima[0].x, right);
+    for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(fix.minima[0].x[k], x[k], 1e-9);
+  }
+}
+
 TEST(Locate, TheMirrorImageOfFlatBeaconsIsAMinimum) {
   // Beacons under a ceiling at z = 3, a tag at a height of 1.
   Problem<3> problem;

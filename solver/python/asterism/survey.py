@@ -10,7 +10,6 @@ import numpy.typing as npt
 from . import embedding, inputs
 
 _Floats = npt.NDArray[np.float64]
-_Modes = tuple[_Floats, _Floats]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,8 +82,8 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     if not placed:
         raise ValueError(f"ranges: {placed.summary.message}")
     network = _Network(range_of, weight, bias)
-    x, added, modes = network.solve(placed.x)
-    covariance, bias_sigma, message = network.uncertainty(x, modes)
+    x, added, inverse = network.solve(placed.x)
+    covariance, bias_sigma, message = network.uncertainty(x, inverse)
     energy = network.energy(x, added)
     x = x - x.mean(0)
     apart = np.linalg.norm(x[:, None] - x[None], axis=-1)
@@ -109,38 +108,45 @@ class _Network:
     def derivatives(self, x: _Floats, c: _Floats, clamp: bool) -> tuple[_Floats, _Floats]:
         """Gradient and Hessian, by the coordinates of all places and then, if there are any, the biases; clamp: without negative curvature."""
         count, dim = x.shape
-        offset = x[:, None] - x[None]
-        apart = np.linalg.norm(offset, axis=-1)
-        direction = offset / np.maximum(apart, 1e-300)[..., None]
-        stretch = apart + c[:, None] + c[None] - self._range
-        tension = self._weight * stretch
+        offset = x.T[:, :, None] - x.T[:, None]
+        apart = np.sqrt((offset**2).sum(0))
+        direction = offset / np.maximum(apart, 1e-300)
+        tension = self._weight * (apart + c[:, None] + c[None] - self._range)
         across = np.divide(tension, apart, where=apart > 0, out=np.zeros_like(apart))
         across = np.maximum(across, 0) if clamp else across
-        block = (self._weight - across)[..., None, None] * direction[..., :, None] * direction[..., None, :]
-        block += across[..., None, None] * np.eye(dim)
-        diagonal = np.arange(count)
-        ends = -block
-        ends[diagonal, diagonal] = block.sum(1)
-        hessian = ends.transpose(0, 2, 1, 3).reshape(count * dim, count * dim)
-        gradient = (tension[..., None] * direction).sum(1).ravel()
-        if not self._has_bias:
-            return gradient, hessian
-        mixed = self._weight[..., None] * direction  # by x_i and c_j
-        mixed[diagonal, diagonal] = mixed.sum(1)
-        mixed = mixed.transpose(0, 2, 1).reshape(count * dim, count)
-        of_bias = self._weight + np.diag(self._weight.sum(1) + self._prior)
-        return np.concatenate([gradient, tension.sum(1) + self._prior * c]), np.block([[hessian, mixed], [mixed.T, of_bias]])
+        along = self._weight - across
+        places = count * dim
+        size = places + count * self._has_bias
+        gradient, hessian, diagonal = np.zeros(size), np.zeros((size, size)), np.arange(count)
+        for a in range(dim):
+            of_a = slice(a, places, dim)
+            gradient[of_a] = (tension * direction[a]).sum(1)
+            for b in range(a + 1):
+                ends = along * direction[a] * direction[b] + (across if a == b else 0)
+                hessian[of_a, b:places:dim] = hessian[b:places:dim, of_a] = np.diag(ends.sum(1)) - ends
+            if self._has_bias:
+                mixed = self._weight * direction[a]  # by x_i and c_j
+                mixed[diagonal, diagonal] = mixed.sum(1)
+                hessian[of_a, places:], hessian[places:, of_a] = mixed, mixed.T
+        if self._has_bias:
+            gradient[places:] = tension.sum(1) + self._prior * c
+            hessian[places:, places:] = self._weight + np.diag(self._weight.sum(1) + self._prior)
+        return gradient, hessian
 
-    def solve(self, x: _Floats) -> tuple[_Floats, _Floats, _Modes]:
-        """A minimum: Newton's method, and from a saddle down along its negative curvature."""
+    def solve(self, x: _Floats) -> tuple[_Floats, _Floats, _Floats]:
+        """A minimum: Newton's method, and from a saddle down along its negative curvature; and the inverse of the Hessian across
+        the rigid motions. ValueError if places can move."""
         c = np.zeros(len(x))
-        if not self._has_bias:  # mds has found it
-            return x, c, self._modes(x, c)
         for _ in range(10):
-            x, c, energy = self._descend(x, c)
-            size, axes = self._modes(x, c)
-            if size[0] >= -1e-9 * size[-1]:
-                return x, c, (size, axes)
+            if self._has_bias:  # otherwise mds has found it
+                x, c, energy = self._descend(x, c)
+            hessian = self.derivatives(x, c, False)[1]
+            inverse = _inverse(hessian, x)
+            if inverse is not None:
+                return x, c, inverse
+            size, axes = np.linalg.eigh(hessian)
+            if not self._has_bias or size[0] >= -1e-9 * size[-1]:
+                break
             reach = np.abs(x - x.mean(0)).max()
             for share in 0.5 ** np.arange(2, 20):
                 step = share * reach * axes[:, 0]
@@ -148,45 +154,48 @@ class _Network:
                 if self.energy(there, biases) < energy:
                     x, c = there, biases
                     break
-        return x, c, self._modes(x, c)
-
-    def _modes(self, x: _Floats, c: _Floats) -> _Modes:
-        """Eigenvalues of the Hessian, the least first, and its eigenvectors."""
-        return np.linalg.eigh(self.derivatives(x, c, False)[1])
+        motions = x.shape[1] * (x.shape[1] + 1) // 2
+        least = 1e-9 * size[-1]
+        if size[motions] <= least:
+            free = axes[: x.size, size <= least]
+            rigid = _rigid_motions(x)
+            bends = (free - rigid @ (rigid.T @ free)).reshape(len(x), -1)
+            moved = int(np.argmax(np.linalg.norm(bends, axis=1)))
+            raise ValueError(f"ranges: they do not determine the places: device {moved} can move without changing a range")
+        return x, c, (axes[:, motions:] / size[motions:]) @ axes[:, motions:].T
 
     def _descend(self, x: _Floats, c: _Floats) -> tuple[_Floats, _Floats, float]:
         """To a stationary point, damped where the energy would rise, which also holds the rigid motions."""
         count, dim = x.shape
-        energy, damping = self.energy(x, c), 1e-9
+        energy, damping, clamp = self.energy(x, c), 1e-9, True
         size = float(self._weight.sum()) / count
         for _ in range(200):
-            gradient, hessian = self.derivatives(x, c, True)
+            gradient, hessian = self.derivatives(x, c, clamp)
             step = np.linalg.solve(hessian + damping * size * np.eye(len(gradient)), -gradient)
-            if -gradient @ step <= 1e-18 * (1 + energy):
+            decrease = -gradient @ step
+            if clamp and decrease <= 1e-18 * (1 + energy):
                 break
-            there, biases = x + step[: count * dim].reshape(x.shape), c + step[count * dim :]
-            next_energy = self.energy(there, biases)
-            if next_energy <= energy:
+            for share in (1.0,) if clamp else (1.0, 0.5, 0.25, 0.125):
+                there, biases = x + share * step[: count * dim].reshape(x.shape), c + share * step[count * dim :]
+                next_energy = self.energy(there, biases)
+                if next_energy <= energy:
+                    break
+            if decrease > 0 and next_energy <= energy:
                 x, c, energy, damping = there, biases, next_energy, max(damping / 10, 1e-12)
+                if not clamp and share == 1 and decrease <= 1e-10 * (1 + energy):  # the next one is its square
+                    break
+                clamp = decrease > 0.01 * (1 + energy)  # near a minimum the true Hessian leads to it
+            elif not clamp:
+                clamp = True
             elif damping > 1e6:
                 break
             else:
                 damping = max(damping, 1e-9) * 10
         return x, c, energy
 
-    def uncertainty(self, x: _Floats, modes: _Modes) -> tuple[_Floats, _Floats, str]:
-        """Covariances of the places, standard deviations of the biases, and what the ranges cannot tell. ValueError if places can move."""
+    def uncertainty(self, x: _Floats, inverse: _Floats) -> tuple[_Floats, _Floats, str]:
+        """Covariances of the places, standard deviations of the biases, and what the ranges cannot tell."""
         count, dim = x.shape
-        size, axes = modes
-        motions = dim * (dim + 1) // 2
-        least = 1e-9 * size[-1]
-        if size[motions] <= least:
-            free = axes[: count * dim, size <= least]
-            rigid = _rigid_motions(x)
-            bends = (free - rigid @ (rigid.T @ free)).reshape(count, -1)
-            moved = int(np.argmax(np.linalg.norm(bends, axis=1)))
-            raise ValueError(f"ranges: they do not determine the places: device {moved} can move without changing a range")
-        inverse = (axes[:, motions:] / size[motions:]) @ axes[:, motions:].T
         blocks = inverse[: count * dim, : count * dim].reshape(count, dim, count, dim)
         diagonal = np.arange(count)
         spread = np.sqrt(np.diag(inverse)[count * dim :]) if self._has_bias else np.zeros(count)
@@ -197,6 +206,23 @@ class _Network:
             subject = f"device {few[0]} has" if len(few) == 1 else f"devices {', '.join(few)} have"
             message = f"{subject} ranges to {dim} others alone: a mirror image about these fits as well"
         return blocks[diagonal, :, diagonal, :], spread, message
+
+
+def _inverse(hessian: _Floats, x: _Floats) -> _Floats | None:
+    """The inverse across the rigid motions of x; None unless the Hessian is positive definite there, and far from singular."""
+    motions = np.zeros((len(hessian), x.shape[1] * (x.shape[1] + 1) // 2))
+    rigid = _rigid_motions(x)
+    motions[: x.size, : rigid.shape[1]] = rigid
+    scale = np.trace(hessian) / len(hessian)
+    held = hessian + scale * motions @ motions.T
+    try:
+        np.linalg.cholesky(held)
+    except np.linalg.LinAlgError:
+        return None
+    inverse = np.linalg.inv(held)
+    if not np.linalg.norm(held) * np.linalg.norm(inverse) < 1e8:
+        return None
+    return inverse - motions @ motions.T / scale
 
 
 def _rigid_motions(x: _Floats) -> _Floats:

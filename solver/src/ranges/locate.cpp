@@ -37,11 +37,12 @@ class Heard {
     const int count = static_cast<int>(given.size());
     if (beacons.size() != given.size() * Dim || sigma.size() != given.size())
       return "beacons, ranges and sigma have to be for the same number of beacons";
-    if (count > kWithoutHeap) heap_.resize(static_cast<std::size_t>(count) * (Dim + 2));
+    if (count > kWithoutHeap) heap_.resize(static_cast<std::size_t>(count) * (Dim + 3));
     double* const memory = count > kWithoutHeap ? heap_.data() : stack_;
     beacons_ = memory;
     range_ = memory + Dim * count;
     weight_ = range_ + count;
+    sigma_ = weight_ + count;
     double largest = 0;
     for (int i = 0; i < count; ++i) {
       const double r = given[static_cast<std::size_t>(i)], s = sigma[static_cast<std::size_t>(i)];
@@ -59,6 +60,7 @@ class Heard {
       }
       range_[count_] = r;
       weight_[count_] = 1 / (s * s);
+      sigma_[count_] = s;
       ++count_;
     }
     if (count_ < Dim) {
@@ -72,7 +74,7 @@ class Heard {
     return turn(largest);
   }
 
-  ranges::Ranges ranges() const { return {count_, beacons_, range_, weight_}; }
+  ranges::Ranges ranges() const { return {count_, beacons_, range_, weight_, sigma_}; }
   bool is_flat() const { return is_flat_; }
 
   /// The given coordinates of a place.
@@ -145,6 +147,7 @@ class Heard {
         return "sigma is out of proportion to the distances: their quotient has to be between 1e-25 and 1e25";
       weight_[i] *= unit_ * unit_;
       range_[i] /= unit_;
+      sigma_[i] /= unit_;
       Vector<Dim> b;
       for (int k = 0; k < Dim; ++k) b[k] = beacons_[Dim * i + k] /= unit_;
       scatter.add(1, b);
@@ -210,9 +213,9 @@ class Heard {
     }
   }
 
-  double stack_[kWithoutHeap * (Dim + 2)];
+  double stack_[kWithoutHeap * (Dim + 3)];
   std::vector<double> heap_;
-  double *beacons_ = nullptr, *range_ = nullptr, *weight_ = nullptr;
+  double *beacons_ = nullptr, *range_ = nullptr, *weight_ = nullptr, *sigma_ = nullptr;
   int count_ = 0;
   Vector<Dim> centre_, normal_;
   double factor_ = 0, unit_ = 1;

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include "small_matrix.hpp"
@@ -10,17 +12,18 @@
 // Of each range: p = x - b, d = |p|, u = p / d, v = w r / d. The Hessian of E is mu I + sum v u u^T with
 // mu = sum (w - v). Three facts carry the proofs:
 //
-// 1. Identity. At a stationary point x, E(x + s e) = E(x) + mu s^2 / 2 + sum v / 2 (rho - d)^2 for a unit e,
-// with
-//    rho = |p + s e| and rho - d = s (2 p.e + s) / (rho + d). Hence, as rho <= d + s, another point at
-//    distance s is that low only if the beacons are nearly in the plane (line) halfway: sum v / (d + s/2)^2
-//    (p.e + s/2)^2 is then small, a quadratic form in e. shells() bounds it for shells of s, and the slope
-//    along e likewise.
-// 2. On a ball of radius h < d around c the Hessian of -w r |x - b| changes by at most v 2/sqrt(3) q / (1 -
-// q),
-//    q = h / d, since |D^2 u| <= 2/sqrt(3) / d^2. judge() bounds energy, gradient and curvature by it.
+// 1. Identity. At a stationary point x, for a unit e and rho = |p + s e|, where
+//    rho - d = s (2 p.e + s) / (rho + d),
+//      E(x + s e) = E(x) + mu s^2 / 2 + sum v / 2 (rho - d)^2.
+//    Hence another point at distance s is that low only if the beacons are nearly in the plane (line)
+//    halfway: sum v (2 / (rho + d))^2 (p.e + s/2)^2 is then small. As rho <= d + s, and also
+//    rho <= r + sqrt(2 E / w) because no term is above E, a quadratic form in e is smaller still. exclude()
+//    bounds it for shells of s, and the slope along e likewise.
 //    If mu >= 0, no point is lower. Where all beacons are in one plane (line), every minimum has that, see
 //    settle_flat().
+// 2. On a ball of radius h = q d < d around c the Hessian of -w r |x - b| changes by at most
+//    v 2/sqrt(3) q / (1 - q), since |D^2 u| <= 2/sqrt(3) / d^2. Bounds of energy, gradient and curvature
+//    follow.
 // 3. All stationary points are in the ball around the centroid (weights w) of radius sum w r / sum w, as
 //    0 = sum w (x - b - r u).
 namespace asterism::ranges {
@@ -42,6 +45,7 @@ struct Ranges {
   const double* beacons;  ///< (count, D)
   const double* range;
   const double* weight;  ///< 1 / sigma^2
+  const double* sigma;
 };
 
 template <int D>
@@ -54,6 +58,7 @@ class PositionSearch {
       : given_(ranges),
         is_flat_(is_flat),
         within_(within),
+        cutoff_(cutoff),
         outlier_(0.5 * cutoff * cutoff),
         max_cells_(max_cells) {
     for (int i = 0; i < given_.count; ++i) {
@@ -102,13 +107,20 @@ class PositionSearch {
   double total() const { return total_; }  ///< of the weights
 
  private:
-  static constexpr int kShells = 12;
-  static constexpr int kMostUndecided = 5;
+  static constexpr int kShells = 6;
+  static constexpr int kMostUndecided = 4;
   static constexpr int kForm = Symmetric<D>::kSize + D + 1;  ///< numbers of a form in (e, t)
   using Forms = double[kForm][kShells];
 
   struct Cell {
     Vector<D> centre, half;
+    double bound;
+    std::uint64_t outliers = 0;  ///< of the first 64 ranges, those that are outliers in all of it
+    bool has_outlier(int i) const { return i < 64 && (outliers >> i & 1) != 0; }
+  };
+  /// Of a range in a cell, with a bound on what it adds there.
+  struct Role {
+    bool is_outlier, is_undecided;
     double bound;
   };
   /// What is not excluded at a distance between `inner` and `outer` from about_.
@@ -128,6 +140,7 @@ class PositionSearch {
     void add(const Bounds& other);
     double least_energy(double h, double scale) const;
     bool exclude_minimum(const Vector<D>& half) const;
+    double contract(Cell& cell, double rounding) const;
   };
 
   static constexpr double kNone = std::numeric_limits<double>::infinity();
@@ -207,16 +220,21 @@ class PositionSearch {
   void start_from_sets();
   bool look_around_best();
   double shells(const Minimum<D>& about, bool collect);
+  unsigned exclude(const Minimum<D>& about, const double (&edge)[kShells + 1], bool collect);
   void leave(const Minimum<D>& about, const Forms& forms, int k, double inner, double outer, double target,
              double gap, double mu, double scale);
   bool is_covered(const Vector<D>& centre, const Vector<D>& half) const;
   bool is_excluded(const Cell& cell) const;
+  Role role(int i, const Cell& cell) const;
   bool judge(Cell& cell);
+  bool settle(Cell& cell, double outliers);
+  bool settle_sets(Cell& cell, double fixed);
+  bool is_tiny(const Cell& cell, double change);
   void branch_and_bound(const Vector<D>& centre, const Vector<D>& half);
 
   Ranges given_;
   bool is_flat_;
-  double within_, outlier_;
+  double within_, cutoff_, outlier_;
   long max_cells_;
   double total_ = 0, reach_ = 0, extent_ = 0;
   double ceiling_ = kNone, best_ = kNone;
@@ -225,7 +243,7 @@ class PositionSearch {
   long cells_ = 0;
   double left_out_ = kNone;  ///< the lowest energy of a minimum for which there was no room
   bool is_complete_ = true;
-  Shell shells_[kShells];
+  Shell shells_[kShells * kShells / 2];  // of runs of shells, each divided
   int shell_count_ = 0;
   Vector<D> about_;
 };
@@ -516,31 +534,61 @@ bool is_above(const Symmetric<D>& a, const Vector<D>& m, double n, double target
   return false;
 }
 
-/// Excludes shells about a minimum by the identity. Returns the radius up to which they are. `collect`: the
-/// others go to shells_.
+/// Excludes shells about a minimum by the identity. Returns the radius up to which they are. `collect`: those
+/// that are left are divided again, and what is left then goes to shells_.
 template <int D>
 double PositionSearch<D>::shells(const Minimum<D>& about, bool collect) {
-  const double reach = 1.0000001 * (reach_ + norm(about.x));
-  double edge[kShells];
-  edge[kShells - 1] = reach;
-  for (int k = kShells - 1; k > 0; --k) edge[k - 1] = edge[k] / 1.6;
+  if (collect) {
+    shell_count_ = 0;
+    about_ = about.x;
+  }
+  double edge[kShells + 1];
+  edge[kShells] = 1.0000001 * (reach_ + norm(about.x));
+  for (int k = kShells; k > 1; --k) edge[k - 1] = edge[k] / 2;
+  edge[0] = 0;
+  const unsigned left = exclude(about, edge, false);
+  double radius = reach_;
+  for (int first = 0; first < kShells; ++first) {
+    if ((left >> first & 1) == 0) continue;
+    radius = std::min(radius, edge[first]);
+    if (!collect) break;
+    int last = first + 1;
+    while (last < kShells && (left >> last & 1) != 0) ++last;
+    double finer[kShells + 1];
+    for (int k = 0; k <= kShells; ++k) finer[k] = edge[first] + k * (edge[last] - edge[first]) / kShells;
+    exclude(about, finer, true);
+    first = last;
+  }
+  return radius;
+}
+
+/// Bit k is set where something between edge[k] and edge[k + 1] may be left. `collect`: that goes to shells_.
+template <int D>
+unsigned PositionSearch<D>::exclude(const Minimum<D>& about, const double (&edge)[kShells + 1],
+                                    bool collect) {
   Forms height = {}, slope = {};
   double extra[kShells] = {}, mu = 0, scale = 0;
+  const double ceiling = threshold() + kBarrier;
   for (int i = 0; i < given_.count; ++i) {
     const Vector<D> p = from_beacon(about.x, i);
-    const double d = length(p), v = given_.weight[i] * given_.range[i] / d;
+    const double d = length(p), r = given_.range[i], v = given_.weight[i] * r / d;
     mu += given_.weight[i] - v;
     scale += v;
+    // Below the ceiling, rho is between these.
+    const double slack = std::sqrt(2 * ceiling / given_.weight[i]) + 1e-9 * extent_;
     double for_height[kShells], for_slope[kShells];
     for (int k = 0; k < kShells; ++k) {
-      const double s = edge[k], t = 1 / (d + 0.5 * s);
+      const double inner = edge[k], s = edge[k + 1];
+      const double most = std::min(d + s, r + slack), least = std::max(std::max(d - s, r - slack), 0.0);
+      const double t = 2 / (d + most);
       for_height[k] = v * t * t;
       // E' / s = mu + sum v (2 p.e + s) (p.e + s) / (rho (rho + d)), and the product is
-      // 2 (p.e + 3 s / 4)^2 - s^2 / 8. A summand is never below -v.
-      const bool is_near = s < 0.85 * d;
-      const double least = is_near ? d - s : d;
-      for_slope[k] = is_near ? v * t / (d + s) : 0;
-      extra[k] += is_near ? v * s * s / (8 * least * (d + least)) : v;
+      // 2 (p.e + 3 s / 4)^2 - s^2 / 8. A summand is never below -v |rho - d| / s.
+      const double of_form = s * s / (8 * least * (d + least));
+      const double of_all = std::min(1.0, std::max(most - d, d - least) / inner);
+      const bool is_near = of_form < of_all;
+      for_slope[k] = is_near ? 2 * v / (most * (d + most)) : 0;
+      extra[k] += v * (is_near ? of_form : of_all);
     }
     double product[kForm];
     int n = 0;
@@ -563,26 +611,18 @@ double PositionSearch<D>::shells(const Minimum<D>& about, bool collect) {
     return is_above(a, m, forms[kForm - 1][k], target, low, high);
   };
   const double gap = threshold() - about.energy + kBarrier, rounding = 1e-9 * scale;
-  double radius = 0;
-  bool is_inner = true;
-  if (collect) {
-    shell_count_ = 0;
-    about_ = about.x;
-  }
+  unsigned left = 0;
   for (int k = 0; k < kShells; ++k) {
-    const double inner = k > 0 ? edge[k - 1] : 0, outer = edge[k];
+    const double inner = edge[k], outer = edge[k + 1];
     const double target =
-        k > 0 ? 2 * gap / (inner * inner) - mu + rounding : std::numeric_limits<double>::infinity();
+        inner > 0 ? 2 * gap / (inner * inner) - mu + rounding : std::numeric_limits<double>::infinity();
     if (exceeds(slope, k, extra[k] - mu + rounding, 0.75 * inner, 0.75 * outer) ||
-        (k > 0 && exceeds(height, k, target, 0.5 * inner, 0.5 * outer))) {
-      if (is_inner) radius = outer;
+        (inner > 0 && exceeds(height, k, target, 0.5 * inner, 0.5 * outer)))
       continue;
-    }
-    is_inner = false;
-    if (!collect) break;
-    leave(about, height, k, inner, outer, target, gap, mu, scale);
+    left |= 1U << k;
+    if (collect) leave(about, height, k, inner, outer, target, gap, mu, scale);
   }
-  return radius;
+  return left;
 }
 
 /// Adds a box of the points z = x - about.x of the shell with
@@ -777,6 +817,46 @@ bool PositionSearch<D>::Bounds::exclude_minimum(const Vector<D>& half) const {
   return is_sloped(newton) || is_sloped(adjugate.times(newton));
 }
 
+/// Shrinks a cell to where the gradient may vanish: to H^-1 (-gradient +- remainder) of the Hessian H at its
+/// centre. Returns the share of its volume that is left, 0 if that is nowhere.
+template <int D>
+double PositionSearch<D>::Bounds::contract(Cell& cell, double rounding) const {
+  const Symmetric<D> hessian = sum.shifted(mu), adjugate = hessian.adjugate();
+  const double determinant = hessian.determinant(adjugate), size = std::abs(determinant);
+  const Vector<D> newton = adjugate.times(gradient);
+  double share = 1;
+  for (int j = 0; j < D; ++j) {
+    double row = 0;
+    for (int k = 0; k < D; ++k) row += adjugate(j, k) * adjugate(j, k);
+    const double spread = (remainder + rounding) * std::sqrt(row);
+    if (!(spread < size * cell.half[j] + std::abs(newton[j]))) continue;
+    const double at = -newton[j] / determinant, by = spread / size;
+    const double low = std::max(-cell.half[j], at - by), high = std::min(cell.half[j], at + by);
+    if (low > high) return 0;
+    share *= std::max(1e-99, 0.5 * (high - low) / cell.half[j]);
+    cell.centre[j] += 0.5 * (low + high);
+    cell.half[j] = 0.5 * (high - low);
+  }
+  return share;
+}
+
+/// Whether a range is that of an outlier, or may be, in a cell.
+template <int D>
+typename PositionSearch<D>::Role PositionSearch<D>::role(int i, const Cell& cell) const {
+  double near = 0, far = 0;
+  for (int k = 0; k < D; ++k) {
+    const double q = std::abs(cell.centre[k] - given_.beacons[D * i + k]),
+                 n = std::max(0.0, q - cell.half[k]);
+    near += n * n;
+    far += (q + cell.half[k]) * (q + cell.half[k]);
+  }
+  const double r = given_.range[i], limit = cutoff_ * given_.sigma[i], high = (r + limit) * (r + limit);
+  const double low = r > limit ? (r - limit) * (r - limit) : 0;
+  if (near > high || far < low) return {true, false, outlier_};
+  const double least = near > r * r ? std::sqrt(near) - r : far < r * r ? r - std::sqrt(far) : 0;
+  return {false, near < low || far > high, 0.5 * given_.weight[i] * least * least};
+}
+
 /// Whether nothing is left to find in a cell; otherwise its `bound` of the energy is set.
 template <int D>
 bool PositionSearch<D>::judge(Cell& cell) {
@@ -784,77 +864,123 @@ bool PositionSearch<D>::judge(Cell& cell) {
   // With a cutoff, the first cell is as large to either side of flat beacons, where the energy is the same.
   if (is_flat_ && is_robust() && cell.centre[D - 1] + cell.half[D - 1] <= 0) return true;
   if (is_covered(cell.centre, cell.half) || is_excluded(cell)) return true;
-  const Vector<D>& c = cell.centre;
-  const double h = norm(cell.half);
-  Bounds bounds;  // of the ranges that are inliers in all of the cell
-  // Of those that are in a part of it: a bound from below, and what the energy at c is above it.
-  double outliers = 0, undecided_bound = 0, at_centre = 0;
-  Bounds undecided[kMostUndecided];
-  int undecided_count = 0;
-  for (int i = 0; i < given_.count; ++i) {
-    const Vector<D> p = from_beacon(c, i);
-    const double d = length(p), r = given_.range[i], w = given_.weight[i];
-    if (is_robust()) {
-      const double stretch = std::abs(d - r), near = std::max(stretch - h, 0.0), far = stretch + h;
-      const double bound = 0.5 * w * near * near;
-      if (bound >= outlier_) {
-        outliers += outlier_;
-        continue;
-      }
-      if (0.5 * w * far * far > outlier_) {
-        if (undecided_count < kMostUndecided) undecided[undecided_count].add(p, d, r, w, h);
-        ++undecided_count;
-        undecided_bound += bound;
-        at_centre += std::min(0.5 * w * stretch * stretch, outlier_);
-        continue;
-      }
+  double fixed = 0;  // a bound on what ranges add that are not inliers in all of the cell
+  int undecided = 0;
+  if (is_robust()) {
+    double bound = fixed = std::popcount(cell.outliers) * outlier_;
+    for (int i = 0; i < given_.count && bound <= threshold(); ++i) {
+      if (cell.has_outlier(i)) continue;
+      const Role of = role(i, cell);
+      bound += of.bound;
+      undecided += of.is_undecided;
+      if (of.is_outlier || of.is_undecided) fixed += of.bound;
+      if (of.is_outlier && i < 64) cell.outliers |= std::uint64_t{1} << i;
     }
-    bounds.add(p, d, r, w, h);
+    cell.bound = bound;
+    if (bound > threshold()) return true;
   }
-  if (is_robust() && bounds.energy + outliers + at_centre < best_) add_from(c);
-  cell.bound = outliers + undecided_bound + bounds.least_energy(h, total_);
-  if (cell.bound > threshold()) return true;
+  if (undecided == 0) return settle(cell, fixed);
+  if (undecided <= kMostUndecided && settle_sets(cell, fixed)) return true;
+  const double h = norm(cell.half);
+  return is_tiny(cell, std::sqrt(2 * outlier_ * total_) * h * given_.count);
+}
 
-  if (undecided_count == 0) {
+/// Whether a cell is too flat, or too small, to be split further.
+template <int D>
+bool PositionSearch<D>::is_tiny(const Cell& cell, double change) {
+  if (change >= 0.1 * kBarrier && norm(cell.half) >= 1e-12 * extent_) return false;
+  add_from(cell.centre);
+  return true;
+}
+
+/// judge() where each range is an inlier in all of the cell, or an outlier; `outliers`: what these add.
+template <int D>
+bool PositionSearch<D>::settle(Cell& cell, double outliers) {
+  for (int round = 0;; ++round) {
+    const Vector<D>& c = cell.centre;
+    const double h = norm(cell.half);
+    Bounds bounds;
+    for (int i = 0; i < given_.count; ++i) {
+      if (is_robust() && (cell.has_outlier(i) || role(i, cell).is_outlier)) continue;
+      const Vector<D> p = from_beacon(c, i);
+      bounds.add(p, length(p), given_.range[i], given_.weight[i], h);
+    }
+    if (outliers + bounds.energy > threshold()) {  // a bound is not above the energy at the centre
+      cell.bound = outliers + bounds.least_energy(h, total_);
+      if (cell.bound > threshold()) return true;
+    }
     if (bounds.exclude_minimum(cell.half)) return true;
     if (!bounds.has_beacon && bounds.sum.shifted(bounds.total - bounds.least).is_definite()) {
       // Convex: at most one minimum.
+      const auto is_inside = [&](const Vector<D>& x) {
+        if (!is_robust()) return distance(x, c) <= h;
+        bool is_in = true;  // in the ball around it, other ranges may be inliers
+        for (int k = 0; k < D; ++k) is_in = is_in && std::abs(x[k] - c[k]) <= cell.half[k] + 1e-12 * extent_;
+        return is_in;
+      };
       for (int i = 0; i < count_; ++i)
-        if (distance(minima_[i].x, c) <= h) return true;
+        if (is_inside(minima_[i].x)) return true;
       const Vector<D> newton = bounds.sum.shifted(bounds.mu).inverse().times(bounds.gradient);
       if (dot(newton, newton) <= 2.25 * h * h) {
         Vector<D> x = c;
         Symmetric<D> hessian;
         const double found = descend(x, hessian);
         add(x, found, hessian);
-        if (distance(x, c) <= h) return true;
+        if (is_inside(x)) return true;
       }
     }
-  } else if (undecided_count <= kMostUndecided) {
-    // A minimum is one of the energy of a set of inliers: where a term becomes that of an outlier, the energy
-    // has a ridge.
-    bool is_empty = true;
-    for (int set = 0; set < 1 << undecided_count && is_empty; ++set) {
-      Bounds of_set = bounds;
-      double constant = outliers;
-      for (int n = 0; n < undecided_count; ++n) {
-        if ((set >> n & 1) != 0)
-          of_set.add(undecided[n]);
-        else
-          constant += outlier_;
-      }
-      is_empty = constant + of_set.least_energy(h, total_) > threshold() || of_set.exclude_minimum(cell.half);
+    if (is_tiny(cell, norm(bounds.gradient) * h + 0.5 * total_ * h * h)) return true;
+    const double share = bounds.contract(cell, 1e-14 * total_ * extent_);
+    if (share == 0) return true;
+    if (round == 3 || share > 0.4) return false;
+    ++cells_;
+  }
+}
+
+/// judge() where a few ranges may be inliers or outliers: a minimum is one of the energy of a set of inliers,
+/// as where a term becomes that of an outlier, the energy has a ridge. `fixed`: a bound on what all but the
+/// ranges add that are inliers in all of the cell.
+template <int D>
+bool PositionSearch<D>::settle_sets(Cell& cell, double fixed) {
+  const Vector<D>& c = cell.centre;
+  const double h = norm(cell.half);
+  if (energy(c) < best_) add_from(c);
+  Bounds bounds, undecided[kMostUndecided];
+  double bound_of[kMostUndecided], outliers = 0, inliers = 0;
+  int count = 0;
+  for (int i = 0; i < given_.count; ++i) {
+    const Role of = cell.has_outlier(i) ? Role{true, false, outlier_} : role(i, cell);
+    if (of.is_outlier) {
+      outliers += outlier_;
+      continue;
     }
-    if (is_empty) return true;
+    const Vector<D> p = from_beacon(c, i);
+    (of.is_undecided ? undecided[count] : bounds).add(p, length(p), given_.range[i], given_.weight[i], h);
+    if (of.is_undecided)
+      bound_of[count++] = of.bound;
+    else
+      inliers += of.bound;
   }
-  // Too flat, or too small, to be split further.
-  const double change = undecided_count == 0 ? norm(bounds.gradient) * h + 0.5 * total_ * h * h
-                                             : std::sqrt(2 * outlier_ * total_) * h * given_.count;
-  if (change < 0.1 * kBarrier || h < 1e-12 * extent_) {
-    add_from(c);
-    return true;
+  cell.bound = fixed + bounds.least_energy(h, total_);
+  if (cell.bound > threshold()) return true;
+  Bounds left;  // of the last set that is left
+  int left_count = 0;
+  for (int set = 0; set < 1 << count; ++set) {
+    double constant = outliers, least = inliers;
+    for (int n = 0; n < count; ++n)
+      ((set >> n & 1) != 0 ? least : constant) += (set >> n & 1) != 0 ? bound_of[n] : outlier_;
+    if (constant + least > threshold()) continue;
+    Bounds of_set = bounds;
+    for (int n = 0; n < count; ++n)
+      if ((set >> n & 1) != 0) of_set.add(undecided[n]);
+    if (constant + of_set.least_energy(h, total_) > threshold() || of_set.exclude_minimum(cell.half))
+      continue;
+    if (left_count++ > 0) return false;
+    left = of_set;
   }
-  return false;
+  if (left_count == 0) return true;
+  const double share = left.contract(cell, 1e-14 * total_ * extent_);
+  return share == 0 || (share < 0.4 && judge(cell));
 }
 
 template <int D>
