@@ -169,6 +169,13 @@ class MdsTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "a row of distances and weights for each point that is held"):
             asterism._asterism._place(held, away[:, :5].copy(), np.ones((1, 80)), np.empty((0, 5)), 1)
 
+    def test_new_points_leave_the_span_of_the_held_ones(self):
+        for held in (np.zeros((1, 3)), np.ones((4, 2)), np.outer(self.random.normal(size=9), [1, 2, 0, -1])):
+            new = self.random.normal(size=(20, held.shape[1]))
+            away = np.linalg.norm(new[:, None] - held, axis=2)
+            placed = asterism._asterism._place(held, away, np.ones((1, len(held))), np.empty((0, held.shape[1])), 1)
+            np.testing.assert_allclose(np.linalg.norm(placed[:, None] - held, axis=2), away, atol=1e-6)
+
     def test_new_points_do_not_depend_on_each_other(self):
         points, new = self.random.normal(size=(150, 3)), self.random.normal(size=(300, 3))
         made = asterism.MDS(2, n_jobs=2).fit(points)

@@ -40,14 +40,14 @@ class PlacedLanes {
   }
 
   // Each point where the squares of its distances, with weights w / d^2, are nearest to those given, up to
-  // what they have in common.
+  // what they have in common; and a little off it, as held points may lie on a line, which is a saddle then.
   void start() {
     for (int next = 0, used = kLanes; used == kLanes;) {
       for (used = 0; used < kLanes && load(used, next);) ++used;
       sum_squares();
       solve();
       for (int l = 0; l < used; ++l) {
-        for (int c = 0; c < dim_; ++c) place_of(l)[c] = held(0)[c] + step_[c * kLanes + l];
+        for (int c = 0; c < dim_; ++c) place_of(l)[c] = held(0)[c] + step_[c * kLanes + l] + 1e-3 * size_[l];
       }
     }
   }
