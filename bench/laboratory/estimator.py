@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """asterism.MDS against scikit-learn's: CPU seconds to its stress, seconds of transform, and what a second core gains.
 
-    estimator.py [--points N ...] [--dim D] [--choose FIRST LAST] [--score FIRST LAST] [--kinds K] [--rule N_INIT EPS]
+    estimator.py [--points [N ...]] [--dim D] [--choose FIRST LAST] [--score FIRST LAST] [--kinds K] [--rule N_INIT EPS]
 
 All in one run. scikit-learn runs by its defaults (4 starts of up to 300 iterations). The rules for n_init and eps are compared on the seeds of
 --choose. Of those whose stress is, on average over the seeds, at most that of scikit-learn for each kind of distances (to 1e-4), the one with
@@ -83,7 +83,7 @@ def gains(n: int, dim: int, kinds: Kinds, seeds: range, rules: list[Rule]) -> di
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--points", type=int, nargs="+", default=[500])
+    parser.add_argument("--points", type=int, nargs="*", default=[500], help="none: no comparison, only transform and starts")
     parser.add_argument("--dim", type=int, default=2, help="of the placement")
     parser.add_argument("--choose", type=int, nargs=2, default=(1, 3), metavar=("FIRST", "LAST"))
     parser.add_argument("--score", type=int, nargs=2, default=(4, 5), metavar=("FIRST", "LAST"))

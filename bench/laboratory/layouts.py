@@ -196,7 +196,7 @@ def programs() -> Iterator[Program]:
         yield Program("networkx spring", 3000, of_networkx("spring_layout", weight=None, seed=1))
     else:
         print("without networkx's layouts: not installed (Debian package python3-networkx)")
-    for name, most, source in (("d3-force", 20000, "Debian package node-d3-force"), ("webcola", 3000, "npm package webcola"), ("sgd", 3000, "")):
+    for name, most, source in (("d3-force", 20000, "Debian package node-d3-force"), ("webcola", 500, "npm package webcola"), ("sgd", 3000, "")):
         try:
             node("-e", f'require("{name}")' if source else "")
             yield Program("sgd by its paper" if name == "sgd" else name, most, of_javascript(name))

@@ -146,7 +146,7 @@ class MDS:
         X: points (M, features), or, precomputed, their distances (M, N) from the points of fit, where NaN (or masked) is not known.
         weights: (M, N), >= 0, of these distances; None: 1.
 
-        A point goes down to the lower of two minima of its stress, which is nearly always the lowest.
+        A point goes down to a minimum of its stress, up to 5 dimensions to the lower of two, which is nearly always the lowest.
 
         among: at how many points of fit a new one looks, which are drawn at random, the same for all; time is in proportion. All count
             where distances are missing or have weights. With N = 2000, the stress of new points was 13 % above that among all for 100,

@@ -15,8 +15,9 @@ class PlacedLanes {
   using V = typename L::V;
   static constexpr int kLanes = L::kLanes, kBlock = 4;  // held points at a time
   static constexpr int kMostEvaluations = 100;
-  static constexpr double kExact = 3e-5;  // of a step of Newton's: what is left is near its square
-  static constexpr double kNear = 0.1;    // of a step: its prediction tells which minimum is the lower one
+  static constexpr int kMostMirrored = 5;  // dimensions; in more, hardly any second minimum is a lower one
+  static constexpr double kExact = 3e-5;   // of a step of Newton's: what is left is near its square
+  static constexpr double kNear = 0.1;     // of a step: its prediction tells which minimum is the lower one
   static constexpr double kLeastShift = 0.005, kMostShift = 1e6;  // of the sum of weights
 
  public:
@@ -39,14 +40,14 @@ class PlacedLanes {
   }
 
   // Each point where the squares of its distances, with weights w / d^2, are nearest to those given, up to
-  // what they have in common.
+  // what they have in common; and a little off it, as held points may lie on a line, which is a saddle then.
   void start() {
     for (int next = 0, used = kLanes; used == kLanes;) {
       for (used = 0; used < kLanes && load(used, next);) ++used;
       sum_squares();
       solve();
       for (int l = 0; l < used; ++l) {
-        for (int c = 0; c < dim_; ++c) place_of(l)[c] = held(0)[c] + step_[c * kLanes + l];
+        for (int c = 0; c < dim_; ++c) place_of(l)[c] = held(0)[c] + step_[c * kLanes + l] + 1e-3 * size_[l];
       }
     }
   }
@@ -116,7 +117,7 @@ class PlacedLanes {
       for (int c = 0; c < dim_; ++c)
         place[c] = x_[c * kLanes + l] - (is_exact_[l] ? step_[c * kLanes + l] : 0);
     }
-    if (is_second_[l] || points_.have_starts) return false;
+    if (is_second_[l] || points_.have_starts || dim_ > kMostMirrored) return false;
     is_second_[l] = true;
     lowest_[l] = predicted_[l];
     go_from(l, place);

@@ -19,10 +19,11 @@ struct PlacementOptions {
 ///
 /// held: dim x N. distances: N x M, a column for each new point; NaN is not known. weights: N x M, or N x 1
 /// for all points, >= 0. starts: dim x M, or empty. Returns dim x M, in which a column is NaN if no distance
-/// of its point is known. A point goes down from its start; without one, from two, of which it takes the
-/// lower minimum: where the squares of the distances are nearest to those given, up to what they have in
-/// common, as classical scaling has it (Gower 1968); and the nearest held point, on which it stays if its
-/// distance from it is 0.
+/// of its point is known. A point goes down from its start by Newton's method; without a start, from where
+/// the squares of the distances, with the weights w / d^2, are nearest to those given, up to what they have
+/// in common, as classical scaling has it (Gower 1968). In up to 5 dimensions it goes down from two starts,
+/// and takes the lower minimum: the second is the mirror image of the first minimum in the nearest held
+/// point. A point without a start is on a held point from which its distance is 0.
 ///
 /// Throws std::invalid_argument for sizes that do not fit, and std::bad_alloc if memory runs out.
 ASTERISM_API Eigen::MatrixXd place_points(const Eigen::Ref<const Eigen::MatrixXd>& held,
