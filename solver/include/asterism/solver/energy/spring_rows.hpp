@@ -6,6 +6,7 @@
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <type_traits>
 
@@ -22,7 +23,6 @@ namespace detail {
 
 #ifdef ASTERISM_SPRING_ROWS_AVX2
 typedef double FourDoubles __attribute__((vector_size(32)));
-typedef double FourDoublesAnywhere __attribute__((vector_size(32), aligned(8), may_alias));
 #endif
 
 /// The nodes of a row of links side by side, for as many springs at a time as the processor's registers hold:
@@ -141,10 +141,15 @@ class SpringRows {
   }
 
 #ifdef ASTERISM_SPRING_ROWS_AVX2
-  static const FourDoublesAnywhere& four(const double* at) {
-    return *reinterpret_cast<const FourDoublesAnywhere*>(at);
+  // By memcpy, as clang forgets that a reference is to a vector that is not aligned.
+  [[gnu::target("avx2,fma")]] static FourDoubles load(const double* at) {
+    FourDoubles four;
+    std::memcpy(&four, at, sizeof four);
+    return four;
   }
-  static FourDoublesAnywhere& four(double* at) { return *reinterpret_cast<FourDoublesAnywhere*>(at); }
+  [[gnu::target("avx2,fma")]] static void store(double* at, const FourDoubles& four) {
+    std::memcpy(at, &four, sizeof four);
+  }
 
   // The same by four springs at a time.
   template <bool kWithGradient>
@@ -161,7 +166,7 @@ class SpringRows {
         FourDoubles d[kDim];
         FourDoubles square = {};
         for (int c = 0; c < kDim; ++c) {
-          d[c] = coordinates_[c][i] - four(coordinates_[c] + j);
+          d[c] = coordinates_[c][i] - load(coordinates_[c] + j);
           square = d[c] * d[c] + square;
         }
         if (__builtin_ia32_movmskpd256(FourDoubles(square < kTiny)) != 0) [[unlikely]] {
@@ -169,15 +174,15 @@ class SpringRows {
           continue;
         }
         const FourDoubles length = __builtin_ia32_sqrtpd256(square);
-        const FourDoubles stretch = length - four(rest_length);
-        const FourDoubles tension = four(stiffness) * stretch;
+        const FourDoubles stretch = length - load(rest_length);
+        const FourDoubles tension = load(stiffness) * stretch;
         energies = tension * stretch + energies;
         if constexpr (kWithGradient) {
           const FourDoubles weight = tension / length;
           for (int c = 0; c < kDim; ++c) {
             forces[c] = weight * d[c] + forces[c];
-            FourDoublesAnywhere& other = four(forces_[c] + j);
-            other = other - weight * d[c];
+            double* const others = forces_[c] + j;
+            store(others, load(others) - weight * d[c]);
           }
         }
       }
