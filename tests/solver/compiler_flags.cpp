@@ -104,6 +104,27 @@ void invert_many_parts() {
   expect(worst < 1e-10, "the sparse covariances");
 }
 
+// Enough nodes for rows of springs, whose vectors lie anywhere in memory.
+void sum_rows_of_springs() {
+  using Rows = asterism::SpringSystem<double, 2>;
+  Rows system(asterism::Topology<>::full(11));
+  for (int i = 0; i < system.nodes(); ++i) {
+    system.anchors(0, i) = i % 4;
+    system.anchors(1, i) = i / 4;
+  }
+  system.anchor_stiffness.setConstant(1);
+  system.link_stiffness.setConstant(2);
+  system.set_rest_lengths(system.anchors);
+  system.rest_length *= 0.5;
+  double expected = 0;
+  for (const asterism::Link& link : system.links())
+    expected += (system.anchors.col(link.i) - system.anchors.col(link.j)).squaredNorm() / 4;
+  Rows::Points gradient;
+  const double energy = asterism::energy_and_gradient(system, system.anchors, gradient);
+  expect(std::abs(energy - expected) < 1e-9 * expected, "the energy of rows of springs");
+  expect(std::abs(gradient.sum()) < 1e-9 * expected, "their forces");
+}
+
 void refuse_bad_input() {
   using asterism::Newton;
   Newton<Four> solver;
@@ -136,6 +157,7 @@ void refuse_bad_input() {
 int main() {
   solve_four_parts();
   invert_many_parts();
+  sum_rows_of_springs();
   refuse_bad_input();
   return failures == 0 ? 0 : 1;
 }
