@@ -2,6 +2,7 @@
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/graph/placement.hpp>
 #include <asterism/solver/run/executor.hpp>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -29,14 +30,17 @@ Eigen::MatrixXd place_points(const Eigen::Ref<const Eigen::MatrixXd>& held,
   std::vector<Eigen::VectorXd> rooms(static_cast<std::size_t>(threads));
   detail::for_each_task(
       threads, static_cast<int>((points + kChunk - 1) / kChunk), [&](int worker, int chunk) {
-        if (options.stop != nullptr && *options.stop) return;
+        const Eigen::Index first = chunk * kChunk, here = std::min(kChunk, points - first);
+        if (options.stop != nullptr && *options.stop) {
+          result.middleCols(first, here).setConstant(std::numeric_limits<double>::quiet_NaN());
+          return;
+        }
         Eigen::VectorXd& room = rooms[static_cast<std::size_t>(worker)];
         room.resize(lanes_v0_1::kMostLanes * (2 * count + 6 + 9 * dim + 3 * dim * (dim + 1) / 2));
-        const Eigen::Index first = chunk * kChunk;
         lanes_v0_1::place({.held = static_cast<int>(count),
                            .dim = static_cast<int>(dim),
                            .at = at.data(),
-                           .count = static_cast<int>(std::min(kChunk, points - first)),
+                           .count = static_cast<int>(here),
                            .distances = distances.col(first).data(),
                            .distances_stride = distances.outerStride(),
                            .weights = weights.col(weights.cols() == 1 ? 0 : first).data(),

@@ -121,16 +121,9 @@ typename System::Scalar plain_mean_square_length(const System& system,
                                                  const typename System::NodeVector& held_by_links) {
   using Scalar = typename System::Scalar;
   if (system.link_count() == 0 || system.fixed_count() > 0) return 0;
-  Scalar weakest = system.link_stiffness[0];
-  Scalar strongest = weakest;
-  for (int i = 0; i < system.nodes(); ++i) {
-    weakest = std::min(weakest, system.anchor_stiffness[i]);
-    strongest = std::max(strongest, system.anchor_stiffness[i]);
-  }
-  for (int l = 1; l < system.link_count(); ++l) {
-    weakest = std::min(weakest, system.link_stiffness[l]);
-    strongest = std::max(strongest, system.link_stiffness[l]);
-  }
+  const auto& anchor_stiffness = system.anchor_stiffness;
+  const Scalar weakest = std::min(anchor_stiffness.minCoeff(), system.link_stiffness.minCoeff());
+  const Scalar strongest = std::max(anchor_stiffness.maxCoeff(), system.link_stiffness.maxCoeff());
   if (!(weakest > 0 && SpringWeight<Scalar>(strongest)(weakest) == 1)) return 0;
   for (int i = 0; i < system.nodes(); ++i) {
     if (!(held_by_links[i] > 0)) return 0;
@@ -228,10 +221,7 @@ class StoppingRule {
                    Scalar share = 8 * std::numeric_limits<Scalar>::epsilon()) const {
     for (int i = 0; i < weights_.size(); ++i) {
       const Scalar rounding = share * (length_ + largest_size(x.col(i)));
-      Scalar square = 0;
-      for (int c = 0; c < System::kDim; ++c)
-        square += gradient(c, i) * weights_[i] * (gradient(c, i) * weights_[i]);
-      if (!(std::sqrt(square) * length_ <= rounding)) return false;
+      if (!(std::sqrt(square_of(gradient, i)) * length_ <= rounding)) return false;
     }
     return true;
   }
@@ -253,11 +243,16 @@ class StoppingRule {
     return true;
   }
 
+  // Of one node's share of the stationarity.
+  Scalar square_of(const typename System::Points& gradient, int i) const {
+    return (gradient.col(i) * weights_[i]).squaredNorm();
+  }
+
   // NaN where the gradient has one.
   Scalar square(const typename System::Points& gradient) const {
     Scalar largest = 0;
     for (int i = 0; i < weights_.size(); ++i) {
-      const Scalar value = (gradient.col(i) * weights_[i]).squaredNorm();
+      const Scalar value = square_of(gradient, i);
       if (!(value <= largest)) largest = value;
     }
     return largest;

@@ -11,7 +11,7 @@ inline namespace ASTERISM_ABI {
 /// Options of place_points.
 struct PlacementOptions {
   int threads = 1;  ///< 0: as many as the machine runs at once; the result does not depend on it
-  const std::atomic<bool>* stop = nullptr;  ///< if set to true, the rest is left out
+  const std::atomic<bool>* stop = nullptr;  ///< if set to true, the rest is NaN
 };
 
 /// Places points one by one, each where sum_k w_k (d_k - |x - h_k|)^2 over the points h_k, which are held, is
