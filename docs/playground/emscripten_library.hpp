@@ -39,6 +39,11 @@ inline to_chars_result to_chars(char* first, char* last, double value, chars_for
   for (int i = 0; i < size; ++i) first[i] = text[i];
   return {first + size, errc()};
 }
+inline to_chars_result to_chars(char* first, char* last, double value, chars_format form) {
+  if (form == chars_format::fixed && value == static_cast<double>(static_cast<long long>(value)))
+    return to_chars(first, last, value, form, 0);  // all digits of a whole number
+  return to_chars(first, last, value);
+}
 
 namespace ranges {
 

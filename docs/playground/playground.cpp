@@ -1,124 +1,35 @@
-// The solver behind the playground's page: a system of springs in the plane whose values the page writes into
-// arrays, and the functions that it calls. Compiled to WebAssembly by emcc, and natively by the tests.
+// The solver behind the playground's page: a system of springs in the plane or in space whose values the page
+// writes into arrays, and the functions that it calls. Compiled to WebAssembly by emcc, and natively by the
+// tests.
 #include "playground.h"
 
 #include <array>
-#include <asterism/solver/energy/certificate.hpp>
-#include <asterism/solver/energy/covariance.hpp>
-#include <asterism/solver/energy/energy.hpp>
-#include <asterism/solver/method/ida.hpp>
-#include <asterism/solver/method/lbfgs.hpp>
-#include <asterism/solver/method/newton.hpp>
-#include <asterism/solver/method/nonlinear_cg.hpp>
-#include <asterism/solver/problem/spring_system.hpp>
-#include <asterism/solver/terms/from_springs.hpp>
+#include <asterism/solver/terms/registry.hpp>
+#include <asterism/system.hpp>
 #include <cstddef>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 namespace {
 
-using System = asterism::SpringSystem<double, 2>;
-using Points = System::Points;
-
-// The names of asterism::make_solver, in the order of Playground::solve.
 constexpr std::array<const char*, 5> kMethods = {"ida", "ncg", "lbfgs", "newton", "staircase"};
 
 constexpr std::size_t kMaxPath = std::size_t{1} << 21;  // numbers, 16 MB
 
-struct Staircase {
-  asterism::StaircaseOptions options;
-  asterism::Summary solve(const System& system, Points& x) const {
-    return asterism::solve_staircase(system, x, options);
-  }
-};
+}  // namespace
 
-class Playground {
- public:
-  explicit Playground(const asterism::Topology<>& topology) : system(topology), x(2, topology.nodes()) {
-    x.setZero();
-  }
+struct asterism_playground {
+  asterism_playground(int dim, const Eigen::Matrix2Xi& pairs, int nodes)
+      : system(nodes, dim),
+        anchors(&system.add_anchors(Eigen::MatrixXd::Zero(dim, nodes), Eigen::VectorXd::Zero(nodes))),
+        links(&system.add_links(pairs, Eigen::VectorXd::Zero(pairs.cols()),
+                                Eigen::VectorXd::Zero(pairs.cols()))),
+        x(Eigen::MatrixXd::Zero(dim, nodes)),
+        grid(Eigen::MatrixXd::Zero(dim, 3)) {}
 
-  void solve(int method, double tolerance, int max_iterations) {
-    switch (method) {
-      case 0:
-        return solve_by(ida_, tolerance, max_iterations);
-      case 1:
-        return solve_by(nonlinear_cg_, tolerance, max_iterations);
-      case 2:
-        return solve_by(lbfgs_, tolerance, max_iterations);
-      case 3:
-        return solve_by(newton_, tolerance, max_iterations);
-      default:
-        return solve_by(staircase_, tolerance, max_iterations);
-    }
-  }
-
-  void certify() {
-    const asterism::Certificate result = certifier_.certify(system, x);
-    certificate = {static_cast<double>(result.proof), result.energy, result.lower_bound,
-                   result.least_eigenvalue, result.distance};
-    message = std::string_view(result.reason);
-  }
-
-  void compute_covariances() {
-    const auto result = asterism::node_covariances(system, x);
-    covariance_status = static_cast<int>(result.status);
-    message = std::string_view(result.message);
-    covariances.assign(result.blocks.data(), result.blocks.data() + result.blocks.size());
-  }
-
-  // Computes E with one node at each point of a grid, row by row, and the others at x. Only the springs of
-  // that node are evaluated at each point, as a system of their own; the rest of E is constant.
-  void map_energy(int node, double left, double top, double step, int columns, int rows) {
-    std::vector<asterism::Link> links;
-    std::vector<int> springs, ends;
-    for (int l = 0; l < system.link_count(); ++l) {
-      const asterism::Link link = system.links()[static_cast<std::size_t>(l)];
-      if (link.i != node && link.j != node) continue;
-      springs.push_back(l);
-      ends.push_back(link.i == node ? link.j : link.i);
-      links.push_back({0, static_cast<int>(ends.size())});
-    }
-    const int count = static_cast<int>(ends.size());
-    System own(asterism::Topology<>::from_links(count + 1, links));
-    Points at(2, count + 1);
-    own.anchors.setZero();
-    own.anchor_stiffness.setZero();
-    own.anchors.col(0) = system.anchors.col(node);
-    own.anchor_stiffness[0] = system.anchor_stiffness[node];
-    at.col(0) = x.col(node);
-    for (int s = 0; s < count; ++s) {
-      const auto k = static_cast<std::size_t>(s);
-      own.rest_length[s] = system.rest_length[springs[k]];
-      own.link_stiffness[s] = system.link_stiffness[springs[k]];
-      at.col(s + 1) = x.col(ends[k]);
-    }
-    const double rest = asterism::energy(system, x) - asterism::energy(own, at);
-    landscape.clear();
-    for (int row = 0; row < rows; ++row) {
-      for (int column = 0; column < columns; ++column) {
-        at.col(0) << left + step * column, top + step * row;
-        landscape.push_back(rest + asterism::energy(own, at));
-      }
-    }
-  }
-
-  System system;
-  Points x;                          // the start of a solve, then its result
-  std::vector<double> energies;      // of each iteration: number, E, |dE/dx|
-  std::vector<double> path;          // of each iteration, up to kMaxPath numbers: x
-  std::array<double, 13> summary{};  // status, then Summary's members in their order
-  std::array<double, 5> certificate{};
-  std::vector<double> covariances;  // 2 x 2 blocks, one per node
-  std::vector<double> landscape;
-  std::string message, solver;
-  int covariance_status = 0;
-
- private:
-  template <typename Solver>
-  void solve_by(Solver& method, double tolerance, int max_iterations) {
+  void solve(const char* method, double tolerance, int max_iterations) {
     energies.clear();
     path.clear();
     auto record = [this](const asterism::Iteration& at) {
@@ -127,13 +38,13 @@ class Playground {
         path.insert(path.end(), at.x.data(), at.x.data() + at.x.size());
       return true;
     };
-    method.options.tolerance = tolerance;
-    method.options.max_iterations = max_iterations;
-    method.options.hold_floating = true;  // a part that nothing holds stays where it is
-    method.options.measure_seconds = true;
-    method.options.on_iteration = record;
-    const asterism::Summary s = method.solve(system, x);
-    method.options.on_iteration = nullptr;
+    asterism::AnySolver<asterism::System> solver = asterism::system_solvers().make(method);
+    asterism::SolverOptions& options = solver.options();
+    options.tolerance = tolerance;
+    options.max_iterations = max_iterations;
+    options.hold_floating = true;  // a part that nothing holds stays where it is
+    options.on_iteration = record;
+    const asterism::Summary s = solver.solve(system, x);
     summary = {static_cast<double>(s.status),
                static_cast<double>(s.iterations),
                static_cast<double>(s.energy_evaluations),
@@ -148,100 +59,125 @@ class Playground {
                s.positive_definite ? static_cast<double>(*s.positive_definite) : -1,
                s.seconds};
     message = std::string_view(s.message);
-    solver = s.solver;
+    solver_name = s.solver;
   }
 
-  asterism::Ida<System> ida_;
-  asterism::NonlinearCg<System> nonlinear_cg_;
-  asterism::Lbfgs<System> lbfgs_;
-  asterism::Newton<System> newton_;
-  Staircase staircase_;
-  asterism::Certifier<System> certifier_;
+  void certify() {
+    const asterism::Certificate result = asterism::certify(system, x);
+    certificate = {static_cast<double>(result.proof), result.energy, result.lower_bound,
+                   result.least_eigenvalue, result.distance};
+    message = std::string_view(result.reason);
+  }
+
+  bool compute_covariances() {
+    const asterism::Solution solution(system, x);
+    message = solution.problem();
+    covariances = solution ? solution.covariances() : Eigen::MatrixXd();
+    return static_cast<bool>(solution);
+  }
+
+  // Computes E with one node at each point of the grid, row by row, and the others at x. Only the terms of
+  // that node are evaluated at each point, as a system of their own; the rest of E is constant.
+  void map_energy(int node, int columns, int rows) {
+    std::vector<int> springs, ends;
+    for (int l = 0; l < links->size(); ++l) {
+      const auto pair = links->nodes().col(l);
+      if (pair[0] != node && pair[1] != node) continue;
+      springs.push_back(l);
+      ends.push_back(pair[0] == node ? pair[1] : pair[0]);
+    }
+    const auto count = static_cast<int>(ends.size());
+    Eigen::Matrix2Xi pairs(2, count);
+    for (int s = 0; s < count; ++s) pairs.col(s) << 0, s + 1;
+    asterism::System own(count + 1, system.dim());
+    Eigen::RowVectorXi first(1);
+    first << 0;
+    own.add_anchors(first, anchors->values("position").col(node), anchors->values("stiffness").col(node));
+    own.add_links(pairs, links->values("length")(0, springs).transpose(),
+                  links->values("stiffness")(0, springs).transpose());
+    Eigen::MatrixXd at(system.dim(), count + 1);
+    at.col(0) = x.col(node);
+    at.rightCols(count) = x(Eigen::all, ends);
+    const double rest = asterism::energy(system, x) - asterism::energy(own, at);
+    landscape.clear();
+    for (int row = 0; row < rows; ++row) {
+      for (int column = 0; column < columns; ++column) {
+        at.col(0) = grid.col(0) + column * grid.col(1) + row * grid.col(2);
+        landscape.push_back(rest + asterism::energy(own, at));
+      }
+    }
+  }
+
+  std::span<double> array(int which) {
+    const auto all_of = [](auto& values) {
+      return std::span<double>(values.data(), static_cast<std::size_t>(values.size()));
+    };
+    switch (which) {
+      case 0:
+        return all_of(anchors->values("position"));
+      case 1:
+        return all_of(anchors->values("stiffness"));
+      case 2:
+        return all_of(links->values("length"));
+      case 3:
+        return all_of(links->values("stiffness"));
+      case 4:
+        return all_of(x);
+      case 5:
+        return all_of(energies);
+      case 6:
+        return all_of(path);
+      case 7:
+        return all_of(summary);
+      case 8:
+        return all_of(certificate);
+      case 9:
+        return all_of(covariances);
+      case 10:
+        return all_of(landscape);
+      case 11:
+        return all_of(grid);
+      default:
+        return {};
+    }
+  }
+
+  asterism::System system;
+  asterism::Anchors* anchors;
+  asterism::Links* links;
+  Eigen::MatrixXd x;                 // the start of a solve, then its result
+  std::vector<double> energies;      // of each iteration: number, E, |dE/dx|
+  std::vector<double> path;          // of each iteration, up to kMaxPath numbers: x
+  std::array<double, 13> summary{};  // status, then Summary's members in their order
+  std::array<double, 5> certificate{};
+  Eigen::MatrixXd covariances;  // dim x dim blocks, one per node
+  Eigen::MatrixXd grid;         // of the landscape: first point, step to the next column and row
+  std::vector<double> landscape;
+  std::string message, solver_name;
 };
 
-}  // namespace
-
-struct asterism_playground : Playground {
-  using Playground::Playground;
-};
-
-asterism_playground* asterism_playground_new(int nodes, int links, const int* ends) {
-  std::vector<asterism::Link> list;
-  for (int l = 0; l < links; ++l) list.push_back({ends[2 * l], ends[2 * l + 1]});
-  return new asterism_playground(asterism::Topology<>::from_links(nodes, list));
+asterism_playground* asterism_playground_new(int dim, int nodes, int links, const int* ends) {
+  return new asterism_playground(dim, Eigen::Map<const Eigen::Matrix2Xi>(ends, 2, links), nodes);
 }
 
 void asterism_playground_delete(asterism_playground* p) { delete p; }
 
-double* asterism_playground_array(asterism_playground* p, int which) {
-  switch (which) {
-    case 0:
-      return p->system.anchors.data();
-    case 1:
-      return p->system.anchor_stiffness.data();
-    case 2:
-      return p->system.rest_length.data();
-    case 3:
-      return p->system.link_stiffness.data();
-    case 4:
-      return p->x.data();
-    case 5:
-      return p->energies.data();
-    case 6:
-      return p->path.data();
-    case 7:
-      return p->summary.data();
-    case 8:
-      return p->certificate.data();
-    case 9:
-      return p->covariances.data();
-    case 10:
-      return p->landscape.data();
-    default:
-      return nullptr;
-  }
-}
+double* asterism_playground_array(asterism_playground* p, int which) { return p->array(which).data(); }
 
-int asterism_playground_count(const asterism_playground* p, int which) {
-  const auto count = [](const auto& values) { return static_cast<int>(values.size()); };
-  switch (which) {
-    case 0:
-      return count(p->system.anchors);
-    case 1:
-      return count(p->system.anchor_stiffness);
-    case 2:
-      return count(p->system.rest_length);
-    case 3:
-      return count(p->system.link_stiffness);
-    case 4:
-      return count(p->x);
-    case 5:
-      return count(p->energies);
-    case 6:
-      return count(p->path);
-    case 7:
-      return count(p->summary);
-    case 8:
-      return count(p->certificate);
-    case 9:
-      return count(p->covariances);
-    case 10:
-      return count(p->landscape);
-    default:
-      return 0;
-  }
+int asterism_playground_count(asterism_playground* p, int which) {
+  return static_cast<int>(p->array(which).size());
 }
 
 void asterism_playground_fix(asterism_playground* p, int node, int is_fixed) {
   if (is_fixed != 0) {
     p->system.fix(node);
   } else {
-    p->system.release(node);
+    p->system.unfix(node);
   }
 }
 
 int asterism_playground_solve(asterism_playground* p, int method, double tolerance, int max_iterations) {
-  p->solve(method, tolerance, max_iterations);
+  p->solve(asterism_playground_method(method), tolerance, max_iterations);
   return static_cast<int>(p->summary[0]);
 }
 
@@ -250,21 +186,17 @@ int asterism_playground_certify(asterism_playground* p) {
   return static_cast<int>(p->certificate[0]);
 }
 
-int asterism_playground_covariances(asterism_playground* p) {
-  p->compute_covariances();
-  return p->covariance_status;
-}
+int asterism_playground_covariances(asterism_playground* p) { return p->compute_covariances(); }
 
 double asterism_playground_energy(const asterism_playground* p) { return asterism::energy(p->system, p->x); }
 
-void asterism_playground_landscape(asterism_playground* p, int node, double left, double top, double step,
-                                   int columns, int rows) {
-  p->map_energy(node, left, top, step, columns, rows);
+void asterism_playground_landscape(asterism_playground* p, int node, int columns, int rows) {
+  p->map_energy(node, columns, rows);
 }
 
 const char* asterism_playground_message(const asterism_playground* p) { return p->message.c_str(); }
 
-const char* asterism_playground_solver(const asterism_playground* p) { return p->solver.c_str(); }
+const char* asterism_playground_solver(const asterism_playground* p) { return p->solver_name.c_str(); }
 
 const char* asterism_playground_method(int index) {
   return 0 <= index && index < static_cast<int>(kMethods.size()) ? kMethods[static_cast<std::size_t>(index)]

@@ -7,6 +7,7 @@ const $ = (id) => document.getElementById(id);
 const METHODS = [['ida', 'IDA'], ['ncg', 'nonlinear CG'], ['lbfgs', 'L-BFGS'], ['newton', 'Newton']];
 const STAIRCASE = 4;
 const MAX_ITERATIONS = 10000, MAX_NODES = 400, MAX_LINKS = 8000;
+const TURN = [0.6, -0.35];
 const FRAME = 8;  // ms of a frame for tasks that can wait
 const copy = (value) => JSON.parse(JSON.stringify(value));
 const median = (values) => values.length ? [...values].sort((a, b) => a - b)[values.length >> 1] : 1;
@@ -34,12 +35,12 @@ class Solver {
 
   /** Takes the values of a system; makes a new one first if the number of nodes or the links differ. */
   set(problem) {
-    const links = problem.links.flat(), n = problem.anchors.length, key = n + ':' + links;
+    const links = problem.links.flat(), n = problem.anchors.length, key = [problem.dim, n, ...links].join();
     if (key !== this.key) {
       if (this.handle) this.call('delete');
       const ends = this.module._malloc(4 * Math.max(1, links.length));
       this.module.HEAP32.set(links, ends / 4);
-      this.handle = this.module._asterism_playground_new(n, problem.links.length, ends);
+      this.handle = this.module._asterism_playground_new(problem.dim, n, problem.links.length, ends);
       this.module._free(ends);
       this.key = key;
       this.fixed = [];
@@ -80,12 +81,14 @@ class Solver {
 
   covariances(x) {
     this.view(4).set(x);
-    return this.call('covariances') === 0 ? {blocks: Float64Array.from(this.view(9))} : {reason: this.message()};
+    return this.call('covariances') ? {blocks: Float64Array.from(this.view(9))} : {reason: this.message()};
   }
 
-  landscape(x, node, left, top, step, columns, rows) {
+  /** The grid: its first point, the step to the next column, that to the next row. */
+  landscape(x, node, grid, columns, rows) {
     this.view(4).set(x);
-    this.call('landscape', node, left, top, step, columns, rows);
+    this.view(11).set(grid.flat());
+    this.call('landscape', node, columns, rows);
     return Float64Array.from(this.view(10));
   }
 }
@@ -116,7 +119,7 @@ function checkSystem(value) {
   for (const key of ['asterism_system', 'dim', 'anchors', 'anchor_stiffness', 'links', 'rest_length', 'link_stiffness'])
     if (!(key in value)) refuse(`${key} is missing`);
   if (value.asterism_system !== 1) refuse('asterism_system: this page reads version 1');
-  if (value.dim !== 2) refuse('dim: this page shows systems of the plane, of dim 2');
+  if (value.dim !== 2 && value.dim !== 3) refuse('dim: this page shows systems of the plane and of space, of dim 2 or 3');
   if ('anchor_shape' in value) refuse('anchor_shape: this page does not show anisotropic anchors');
   const list = (key, count, what) => {
     if (!Array.isArray(value[key])) refuse(`${key}: expected an array`);
@@ -127,7 +130,7 @@ function checkSystem(value) {
   const amounts = (key, count, what) => list(key, count, what).forEach((v, i) =>
     number(v, `${key}[${i}]`) >= 0 || refuse(`${key}[${i}] is negative`));
   const points = (key, count) => list(key, count, 'one a node').forEach((p, i) =>
-    Array.isArray(p) && p.length === 2 ? p.forEach((v, c) => number(v, `${key}[${i}][${c}]`)) : refuse(`${key}[${i}]: expected 2 numbers`));
+    Array.isArray(p) && p.length === value.dim ? p.forEach((v, c) => number(v, `${key}[${i}][${c}]`)) : refuse(`${key}[${i}]: expected ${value.dim} numbers`));
   points('anchors');
   const n = value.anchors.length;
   if (n === 0) refuse('anchors is empty');
@@ -160,6 +163,9 @@ function writeSystem(p) {
 
 let solver, problem, preset = null;
 let view = {scale: 1, x: 0, y: 0};
+let turn = [0, 0];             // of a system in space: the angles about the vertical axis and about the screen's horizontal one
+let centre = [0, 0];           // the point that it is turned about
+let axes = [[1, 0], [0, 1]];   // the directions to the right, downwards and, in space, away from the viewer
 let fitted = {};               // the view that fit() made
 let selected = {kind: 'node', index: 0}, linkFrom = -1;
 let shown = null;              // the chosen method's solve, with certificate and covariances
@@ -175,14 +181,18 @@ const times = [];              // of frames with a solve [ms], for the tests
 const method = () => $('method').selectedIndex;
 const tolerance = () => Number($('tolerance').value);
 const flat = (points) => points.flat();
-const pairs = (x) => Array.from({length: x.length / 2}, (_, i) => [x[2 * i], x[2 * i + 1]]);
+const pointOf = (x, i) => Array.from(x.slice(problem.dim * i, problem.dim * (i + 1)));
+const pointsOf = (x) => Array.from({length: x.length / problem.dim}, (_, i) => pointOf(x, i));
+const distance = (x, i, j) => Math.hypot(...pointOf(x, i).map((v, c) => v - x[problem.dim * j + c]));
+/** The ranges of points' coordinates. */
+const boxOf = (points) => points[0].map((_, c) => { const v = points.map((p) => p[c]); return [Math.min(...v), Math.max(...v)]; });
 
 function solveShown() {
   const p = held ? {...problem, fixed: [...problem.fixed, ...(problem.fixed.includes(held.index) ? [] : [held.index])]} : problem;
   solver.set(p);
   shown = solver.solve(method(), held ? held.x : flat(problem.start), tolerance());
   if (held && shown.usable) held.x = Array.from(shown.x);
-  if (held && shown.usable) { held.x[2 * held.index] = held.at[0]; held.x[2 * held.index + 1] = held.at[1]; }
+  if (held && shown.usable) holdThere();
   const start = held ? null : flat(problem.start);
   shown.steps = shown.path.length / shown.x.length;
   shown.start = start;
@@ -199,6 +209,8 @@ function solveShown() {
     tasks.push(startBounds);
   }
 }
+
+const holdThere = () => held.at.forEach((v, c) => { held.x[problem.dim * held.index + c] = v; });
 
 // Computes the lower bound at the iterates of the chosen method, at about 120 of them at most.
 function startBounds() {
@@ -225,8 +237,9 @@ function mapLandscape() {
   if (!wantsLandscape()) return;
   const {width, height} = size(), cell = Math.max(3, Math.ceil(Math.sqrt(width * height / 25000)));
   const columns = Math.ceil(width / cell) + 1, rows = Math.ceil(height / cell) + 1;
-  const [left, top] = toWorld(0, 0), step = cell / view.scale;
-  const energies = solver.landscape(position(), selected.index, left, top, step, columns, rows);
+  const step = cell / view.scale, near = pointOf(position(), selected.index);
+  const grid = [toWorld(0, 0, near), ...axes.slice(0, 2).map((axis) => axis.map((v) => step * v))];
+  const energies = solver.landscape(position(), selected.index, grid, columns, rows);
   const picture = document.createElement('canvas');
   picture.width = columns; picture.height = rows;
   const pixels = new ImageData(columns, rows), color = rgb('--accent');
@@ -240,7 +253,7 @@ function mapLandscape() {
     pixels.data.set([...color, 200 * (1 - level) ** 1.2], 4 * i);
   });
   picture.getContext('2d').putImageData(pixels, 0, 0);
-  landscape = {picture, left, top, width: columns * step, height: rows * step, step};
+  landscape = {picture, left: view.x, top: view.y, width: columns * step, height: rows * step, step};
   isDirty = true;
 }
 
@@ -251,8 +264,22 @@ let colors = {};
 const color = (name) => colors[name] || (colors[name] = getComputedStyle(document.documentElement).getPropertyValue(name).trim());
 const rgb = (name) => [1, 3, 5].map((i) => parseInt(color(name).slice(i, i + 2), 16));
 const size = () => ({width: canvas.clientWidth, height: canvas.clientHeight});
-const toScreen = (x, y) => [(x - view.x) * view.scale, (y - view.y) * view.scale];
-const toWorld = (x, y) => [x / view.scale + view.x, y / view.scale + view.y];
+/** Node `i` of a flat x along an axis, from the centre. */
+const along = (axis, x, i = 0) => axis.reduce((sum, v, c) => sum + v * (x[axis.length * i + c] - centre[c]), 0);
+const toScreen = (x, i = 0) => [(along(axes[0], x, i) - view.x) * view.scale, (along(axes[1], x, i) - view.y) * view.scale];
+/** The point at a place of the screen, in space as far away as `near`. */
+function toWorld(sx, sy, near) {
+  const steps = [sx / view.scale + view.x, sy / view.scale + view.y, ...axes.slice(2).map((axis) => along(axis, near))];
+  return centre.map((v, c) => v + steps.reduce((sum, step, a) => sum + step * axes[a][c], 0));
+}
+function turnTo(yaw, pitch) {
+  turn = [yaw, Math.max(-Math.PI / 2, Math.min(Math.PI / 2, pitch))];
+  const [c, s, d, t] = turn.flatMap((v) => [Math.cos(v), Math.sin(v)]);
+  axes = problem.dim === 2 ? [[1, 0], [0, 1]] : [[c, 0, -s], [s * t, d, c * t], [s * d, -t, c * d]];
+  landscape = null;
+  redo();
+}
+const turnBy = (dx, dy) => turnTo(turn[0] + 0.01 * dx, turn[1] - 0.01 * dy);
 
 function prepare(target) {
   const ratio = window.devicePixelRatio || 1, width = target.clientWidth, height = target.clientHeight;
@@ -266,9 +293,14 @@ function prepare(target) {
 }
 
 function fit() {
-  const points = [...($('show-anchors').checked ? problem.anchors.filter((_, i) => problem.anchor_stiffness[i] > 0) : []), ...problem.start, ...(shown ? pairs(shown.x) : []), ...(second ? pairs(second.x) : [])];
-  const xs = points.map((p) => p[0]), ys = points.map((p) => p[1]);
-  const [left, right, top, bottom] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
+  const points = [...($('show-anchors').checked ? problem.anchors.filter((_, i) => problem.anchor_stiffness[i] > 0) : []), ...problem.start, ...(shown ? pointsOf(shown.x) : []), ...(second ? pointsOf(second.x) : [])];
+  let [[left, right], [top, bottom]] = boxOf(points);
+  centre = axes.map(() => 0);
+  if (problem.dim === 3) {  // a ball, which is in view however it is turned
+    centre = boxOf(points).map(([low, high]) => (low + high) / 2);
+    right = bottom = Math.max(...points.map((p) => Math.hypot(...p.map((v, c) => v - centre[c]))));
+    left = top = -right;
+  }
   const {width, height} = size(), margin = Math.min(width, height) * 0.1;
   const wide = Math.max(right - left, 1e-9 * Math.max(1, Math.abs(left))), high = Math.max(bottom - top, 1e-9);
   view.scale = Math.min((width - 2 * margin) / wide, (height - 2 * margin) / high);
@@ -290,14 +322,19 @@ function draw() {
   const {pen, width, height} = prepare(canvas);
   if (!shown) return;
   const x = position(), n = problem.anchors.length;
-  const point = (i) => toScreen(x[2 * i], x[2 * i + 1]);
+  const point = (i) => toScreen(x, i);
   const radius = n > 60 ? 4 : n > 20 ? 6 : 8;
+  // In space, from -1 (near) to 1: what is far is drawn first, paler and smaller.
+  const depths = Array.from({length: n}, (_, i) => problem.dim === 3 ? Math.max(-1, Math.min(1, 2 * along(axes[2], x, i) / reference.size)) : 0);
+  const fade = (depth) => problem.dim === 3 ? 0.7 - 0.3 * depth : 1;
+  const farFirst = (count, depth) => Array.from({length: count}, (_, i) => i).sort((a, b) => depth(b) - depth(a));
+  const depthOfLink = (l) => (depths[problem.links[l][0]] + depths[problem.links[l][1]]) / 2;
   if (landscape && wantsLandscape()) {
-    const [left, top] = toScreen(landscape.left - landscape.step / 2, landscape.top - landscape.step / 2);
+    const left = (landscape.left - landscape.step / 2 - view.x) * view.scale, top = (landscape.top - landscape.step / 2 - view.y) * view.scale;
     pen.imageSmoothingEnabled = true;
     pen.drawImage(landscape.picture, left, top, landscape.width * view.scale, landscape.height * view.scale);
   }
-  const anchor = (i) => toScreen(...problem.anchors[i]);
+  const anchor = (i) => toScreen(problem.anchors[i]);
   if ($('show-anchors').checked) {
     pen.strokeStyle = pen.fillStyle = color('--anchor');
     for (let i = 0; i < n; ++i) {
@@ -312,33 +349,34 @@ function draw() {
   }
   if (second) {
     pen.strokeStyle = color('--second'); pen.lineWidth = 1.5; pen.setLineDash([5, 4]);
-    for (const [i, j] of problem.links) line(pen, ...toScreen(second.x[2 * i], second.x[2 * i + 1]), ...toScreen(second.x[2 * j], second.x[2 * j + 1]));
+    for (const [i, j] of problem.links) line(pen, ...toScreen(second.x, i), ...toScreen(second.x, j));
     pen.setLineDash([]);
-    for (let i = 0; i < n; ++i) circle(pen, ...toScreen(second.x[2 * i], second.x[2 * i + 1]), radius + 2, false);
+    for (let i = 0; i < n; ++i) circle(pen, ...toScreen(second.x, i), radius + 2, false);
   }
   // Links: colored by strain, as wide as they are stiff.
   const few = problem.links.length < 60;
-  problem.links.forEach(([i, j], l) => {
-    const [ax, ay] = point(i), [bx, by] = point(j), mu = problem.rest_length[l];
-    const r = Math.hypot(x[2 * i] - x[2 * j], x[2 * i + 1] - x[2 * j + 1]);
+  for (const l of farFirst(problem.links.length, depthOfLink)) {
+    const [i, j] = problem.links[l], [ax, ay] = point(i), [bx, by] = point(j), mu = problem.rest_length[l];
+    const r = distance(x, i, j);
     const strain = mu > 0 ? (r - mu) / mu : r > 0 ? 1 : 0;
     const wide = Math.max(-1.5, Math.min(2.5, Math.log10((problem.link_stiffness[l] || 1e-300) / reference.link)));
     const isSelected = selected && selected.kind === 'link' && selected.index === l;
     pen.lineWidth = (few ? 2.2 : 1.2) + 0.7 * wide + (isSelected ? 3 : 0);
     pen.strokeStyle = isSelected ? color('--accent') : color('--link');
-    pen.globalAlpha = few ? 1 : 0.6;
+    const opacity = fade(depthOfLink(l));
+    pen.globalAlpha = (few ? 1 : 0.6) * opacity;
     line(pen, ax, ay, bx, by);
     if (!isSelected && Math.abs(strain) > 1e-3) {
-      pen.globalAlpha = Math.min(1, 0.45 + 5 * Math.abs(strain));
+      pen.globalAlpha = Math.min(1, 0.45 + 5 * Math.abs(strain)) * opacity;
       pen.strokeStyle = color(strain < 0 ? '--pushed' : '--pulled');
       line(pen, ax, ay, bx, by);
     }
     pen.globalAlpha = 1;
-  });
+  }
   if (shown.covariances && shown.covariances.blocks && at === Infinity) {
     pen.strokeStyle = color('--node'); pen.fillStyle = color('--node'); pen.lineWidth = 1;
     for (let i = 0; i < n; ++i) {
-      const [a, b, , d] = shown.covariances.blocks.subarray(4 * i, 4 * i + 4);
+      const [a, b, d] = projected(shown.covariances.blocks.subarray(problem.dim ** 2 * i, problem.dim ** 2 * (i + 1)));
       const mean = (a + d) / 2, off = Math.hypot((a - d) / 2, b);
       pen.beginPath();
       const most = 1e5 / view.scale;
@@ -354,21 +392,21 @@ function draw() {
     for (let i = 0; i < n; ++i) {
       pen.lineWidth = 1.5; pen.globalAlpha = 0.9;
       pen.beginPath();
-      pen.moveTo(...toScreen(shown.start[2 * i], shown.start[2 * i + 1]));
-      for (let k = 0; k <= until; ++k) { const y = iterate(k); pen.lineTo(...toScreen(y[2 * i], y[2 * i + 1])); }
+      pen.moveTo(...toScreen(shown.start, i));
+      for (let k = 0; k <= until; ++k) pen.lineTo(...toScreen(iterate(k), i));
       pen.stroke();
       if (n <= 30) {
-        for (let k = 0; k <= Math.min(until, 200); ++k) { const y = iterate(k); circle(pen, ...toScreen(y[2 * i], y[2 * i + 1]), 2, true); }
-        pen.lineWidth = 1; circle(pen, ...toScreen(shown.start[2 * i], shown.start[2 * i + 1]), radius * 0.6, false);
+        for (let k = 0; k <= Math.min(until, 200); ++k) circle(pen, ...toScreen(iterate(k), i), 2, true);
+        pen.lineWidth = 1; circle(pen, ...toScreen(shown.start, i), radius * 0.6, false);
       }
       pen.globalAlpha = 1;
     }
   }
-  for (let i = 0; i < n; ++i) {
-    const [px, py] = point(i), isFixed = problem.fixed.includes(i);
+  for (const i of farFirst(n, (j) => depths[j])) {
+    const [px, py] = point(i), isFixed = problem.fixed.includes(i), r = radius * (1 - 0.3 * depths[i]);
     pen.fillStyle = color('--node'); pen.strokeStyle = color('--ground'); pen.lineWidth = 1.5;
-    if (isFixed) { pen.fillRect(px - radius, py - radius, 2 * radius, 2 * radius); pen.strokeRect(px - radius, py - radius, 2 * radius, 2 * radius); }
-    else { circle(pen, px, py, radius, true); circle(pen, px, py, radius, false); }
+    if (isFixed) { pen.fillRect(px - r, py - r, 2 * r, 2 * r); pen.strokeRect(px - r, py - r, 2 * r, 2 * r); }
+    else { circle(pen, px, py, r, true); circle(pen, px, py, r, false); }
   }
   pen.strokeStyle = color('--accent'); pen.lineWidth = 2.5;
   if (selected && selected.kind === 'node' && selected.index < n) circle(pen, ...point(selected.index), radius + 4, false);
@@ -380,6 +418,11 @@ function draw() {
     pen.setLineDash([]);
   }
   void width; void height;
+}
+/** xx, xy and yy of a symmetric matrix on the screen. */
+function projected(matrix) {
+  const product = (u, v) => u.reduce((sum, p, r) => v.reduce((t, q, c) => t + p * matrix[u.length * r + c] * q, sum), 0);
+  return [product(axes[0], axes[0]), product(axes[0], axes[1]), product(axes[1], axes[1])];
 }
 function line(pen, ax, ay, bx, by) { pen.beginPath(); pen.moveTo(ax, ay); pen.lineTo(bx, by); pen.stroke(); }
 function circle(pen, x, y, r, isFull) { pen.beginPath(); pen.arc(x, y, r, 0, 2 * Math.PI); if (isFull) pen.fill(); else pen.stroke(); }
@@ -514,7 +557,12 @@ function remember() {
 }
 function undo() {
   const text = past.pop();
-  if (text) { problem = checkSystem(JSON.parse(text)); select(selected && selected.kind !== 'link' && selected.index < problem.anchors.length ? selected : {kind: 'node', index: 0}); edited(); }
+  if (text) {
+    const isOther = problem.dim !== (problem = checkSystem(JSON.parse(text))).dim;
+    if (isOther) show();
+    select(selected && selected.kind !== 'link' && selected.index < problem.anchors.length ? selected : {kind: 'node', index: 0});
+    edited();
+  }
   $('undo').disabled = past.length === 0;
 }
 /** To be called when the problem has changed. */
@@ -524,12 +572,19 @@ function changed() { isStale = true; keepState(); }
 
 function select(what) { selected = what; linkFrom = what && what.kind === 'node' ? linkFrom : -1; inspect(); redo(); landscape = null; }
 
+/** Solves, and shows all from where a view begins. */
+function show() {
+  solveShown();
+  turnTo(...(problem.dim === 3 ? TURN : [0, 0]));
+  fit();
+}
+
 function take(next, id = null) {
   problem = next; preset = id; second = null; held = null; linkFrom = -1;
   reference.link = median(problem.link_stiffness.filter((k) => k > 0)) || 1;
   reference.anchor = median(problem.anchor_stiffness.filter((k) => k > 0)) || 1;
   selected = {kind: 'node', index: Math.min(2, problem.anchors.length - 1)};
-  solveShown(); fit(); inspect();
+  show(); inspect();
   const known = PRESETS.find((p) => p.id === id);
   $('about').textContent = known ? known.about : problem.name || '';
   $('preset').value = id || '';
@@ -542,7 +597,7 @@ function toggleFixed() {
   remember();
   const i = selected.index;
   if (problem.fixed.includes(i)) problem.fixed = problem.fixed.filter((j) => j !== i);
-  else { problem.fixed.push(i); problem.start[i] = [shown.x[2 * i], shown.x[2 * i + 1]]; }
+  else { problem.fixed.push(i); problem.start[i] = pointOf(shown.x, i); }
   inspect(); edited();
 }
 
@@ -568,7 +623,7 @@ function removeSelected() {
 function addNode(point) {
   if (problem.anchors.length >= MAX_NODES) { $('status').textContent = `${MAX_NODES} parts are the most that this page takes.`; return; }
   remember();
-  problem.start = pairs(shown.x);
+  problem.start = pointsOf(shown.x);
   problem.anchors.push(point); problem.start.push(point.slice()); problem.anchor_stiffness.push(reference.anchor);
   solveShown();
   select({kind: 'node', index: problem.anchors.length - 1});
@@ -582,9 +637,8 @@ function toggleLink(a, b) {
   const isIt = (l) => problem.links[l].includes(a) && problem.links[l].includes(b);
   if (problem.links.some((_, l) => isIt(l))) removeLinks(isIt);
   else {
-    const x = shown.x;
     problem.links.push([Math.min(a, b), Math.max(a, b)]);
-    problem.rest_length.push(Math.hypot(x[2 * a] - x[2 * b], x[2 * a + 1] - x[2 * b + 1]));
+    problem.rest_length.push(distance(shown.x, a, b));
     problem.link_stiffness.push(reference.link);
   }
   edited();
@@ -600,8 +654,9 @@ function moveSelected(dx, dy) {
   if (!selected || selected.kind === 'link') return;
   const i = selected.index;
   remember();
-  if (selected.kind === 'anchor') problem.anchors[i] = [problem.anchors[i][0] + dx, problem.anchors[i][1] + dy];
-  else { problem.start = pairs(shown.x); problem.start[i] = [problem.start[i][0] + dx, problem.start[i][1] + dy]; }
+  if (selected.kind === 'node') problem.start = pointsOf(shown.x);
+  const points = selected.kind === 'node' ? problem.start : problem.anchors;
+  points[i] = points[i].map((v, c) => v + dx * axes[0][c] + dy * axes[1][c]);
   edited();
 }
 
@@ -631,13 +686,13 @@ function hit(sx, sy, reach) {
   const x = position(), n = problem.anchors.length;
   let best = null, least = reach;
   const near = (kind, index, d) => { if (d < least) { least = d; best = {kind, index}; } };
-  for (let i = 0; i < n; ++i) { const [px, py] = toScreen(x[2 * i], x[2 * i + 1]); near('node', i, Math.hypot(px - sx, py - sy)); }
+  for (let i = 0; i < n; ++i) { const [px, py] = toScreen(x, i); near('node', i, Math.hypot(px - sx, py - sy)); }
   if ($('show-anchors').checked && mode() === 'move')
-    problem.anchors.forEach((a, i) => { if (problem.anchor_stiffness[i] > 0) { const [px, py] = toScreen(...a); near('anchor', i, Math.hypot(px - sx, py - sy) + 0.5); } });
+    problem.anchors.forEach((a, i) => { if (problem.anchor_stiffness[i] > 0) { const [px, py] = toScreen(a); near('anchor', i, Math.hypot(px - sx, py - sy) + 0.5); } });
   if (best) return best;
   least = reach * 0.6;
   problem.links.forEach(([i, j], l) => {
-    const [ax, ay] = toScreen(x[2 * i], x[2 * i + 1]), [bx, by] = toScreen(x[2 * j], x[2 * j + 1]);
+    const [ax, ay] = toScreen(x, i), [bx, by] = toScreen(x, j);
     const square = (bx - ax) ** 2 + (by - ay) ** 2 || 1, t = Math.max(0, Math.min(1, ((sx - ax) * (bx - ax) + (sy - ay) * (by - ay)) / square));
     near('link', l, Math.hypot(ax + t * (bx - ax) - sx, ay + t * (by - ay) - sy));
   });
@@ -651,25 +706,25 @@ canvas.addEventListener('pointerdown', (event) => {
   const screen = local(event);
   fingers.set(event.pointerId, screen);
   if (fingers.size === 2) { release(); pointer = {kind: 'pinch', from: [...fingers.values()], view: {...view}}; return; }
-  const found = hit(...screen, event.pointerType === 'touch' ? 26 : 14), world = toWorld(...screen);
+  const found = hit(...screen, event.pointerType === 'touch' ? 26 : 14);
   stop();
-  if (mode() === 'add' && !found) return addNode(world);
+  if (mode() === 'add' && !found) return addNode(toWorld(...screen, centre));
   if (mode() === 'link') {
     if (found && found.kind === 'link') { select(found); return removeSelected(); }
     if (found && found.kind === 'node') { if (linkFrom >= 0 && linkFrom !== found.index) { toggleLink(linkFrom, found.index); linkFrom = -1; return; }
       select(found); linkFrom = found.index; pointer = {kind: 'link', screen}; isDirty = true; return; }
     linkFrom = -1;
   }
-  if (!found) { pointer = {kind: 'pan', screen, view: {...view}}; return; }
+  if (!found) { pointer = problem.dim === 3 && !event.shiftKey ? {kind: 'turn', screen, turn} : {kind: 'pan', screen, view: {...view}}; return; }
   select(found);
-  if (found.kind === 'node') { pointer = {kind: 'node', index: found.index, moved: false, from: screen}; }
-  if (found.kind === 'anchor') pointer = {kind: 'anchor', index: found.index, moved: false, from: screen};
+  const {kind, index} = found;
+  if (kind !== 'link') pointer = {kind, index, moved: false, from: screen, near: kind === 'node' ? pointOf(position(), index) : problem.anchors[index]};
 });
 
 canvas.addEventListener('pointermove', (event) => {
   if (fingers.has(event.pointerId)) fingers.set(event.pointerId, local(event));
   if (!pointer) return;
-  const screen = local(event), world = toWorld(...screen);
+  const screen = local(event);
   if (pointer.kind === 'pinch') {
     if (fingers.size < 2) return;
     const [a, b] = fingers.values(), [c, d] = pointer.from, v = pointer.view;
@@ -684,14 +739,20 @@ canvas.addEventListener('pointermove', (event) => {
     view.y = pointer.view.y - (screen[1] - pointer.screen[1]) / view.scale;
     return redo();
   }
+  if (pointer.kind === 'turn') {
+    turn = pointer.turn;
+    turnBy(screen[0] - pointer.screen[0], screen[1] - pointer.screen[1]);
+    return keepState();
+  }
   if (pointer.kind === 'link') { pointer.screen = screen; isDirty = true; return; }
   if (!pointer.moved && Math.hypot(screen[0] - pointer.from[0], screen[1] - pointer.from[1]) < 3) return;
   if (!pointer.moved) { pointer.moved = true; remember(); }
+  const world = toWorld(...screen, pointer.near);
   if (pointer.kind === 'anchor') problem.anchors[pointer.index] = world;
   else {
     if (!held) held = {index: pointer.index, x: Array.from(shown.x)};
     held.at = world;
-    held.x[2 * held.index] = world[0]; held.x[2 * held.index + 1] = world[1];
+    holdThere();
   }
   preset = null; $('preset').value = '';
   isStale = true;
@@ -699,7 +760,7 @@ canvas.addEventListener('pointermove', (event) => {
 
 /** When a part is released, the parts' present positions become the start. */
 function release() {
-  if (held) { problem.start = pairs(Float64Array.from(held.x)); held = null; edited(); }
+  if (held) { problem.start = pointsOf(Float64Array.from(held.x)); held = null; edited(); }
   else if (pointer && pointer.moved) edited();
   pointer = null;
 }
@@ -718,7 +779,7 @@ canvas.addEventListener('pointerup', lift);
 canvas.addEventListener('pointercancel', lift);
 canvas.addEventListener('wheel', (event) => {
   event.preventDefault();
-  const [sx, sy] = local(event), [wx, wy] = toWorld(sx, sy);
+  const [sx, sy] = local(event), wx = sx / view.scale + view.x, wy = sy / view.scale + view.y;
   view.scale *= Math.exp(-event.deltaY * 0.0015);
   view.x = wx - sx / view.scale; view.y = wy - sy / view.scale;
   redo();
@@ -747,6 +808,7 @@ canvas.addEventListener('keydown', (event) => {
     'l': () => { if (selected && selected.kind === 'node') { linkFrom = selected.index; $('status').textContent = `Link from part ${linkFrom}: select another one and press Enter.`; } },
     'Enter': () => { if (linkFrom >= 0 && selected && selected.kind === 'node') { toggleLink(linkFrom, selected.index); linkFrom = -1; } },
     'Escape': () => { linkFrom = -1; isDirty = true; },
+    '4': () => turnBy(-10, 0), '6': () => turnBy(10, 0), '8': () => turnBy(0, -10), '2': () => turnBy(0, 10),
     '+': () => scale(1.5), '=': () => scale(1.5), '-': () => scale(1 / 1.5), 'x': toggleFixed,
     'Delete': removeSelected, 'Backspace': removeSelected,
     ' ': play, 'r': randomStart, 'f': fit,
@@ -769,10 +831,8 @@ function play() {
   at = 0; playing = performance.now(); $('play').textContent = 'Pause'; isDirty = true;
 }
 function randomStart() {
-  const xs = problem.anchors.map((a) => a[0]), ys = problem.anchors.map((a) => a[1]), s = pairs(shown.x);
-  const low = [Math.min(...xs, ...s.map((p) => p[0])), Math.min(...ys, ...s.map((p) => p[1]))];
-  const high = [Math.max(...xs, ...s.map((p) => p[0])), Math.max(...ys, ...s.map((p) => p[1]))];
-  startAt(problem.anchors.map(() => low.map((v, c) => v + Math.random() * (high[c] - v))));
+  const box = boxOf([...problem.anchors, ...pointsOf(shown.x)]);
+  startAt(problem.anchors.map(() => box.map(([low, high]) => low + Math.random() * (high - low))));
 }
 
 function frame(now) {
@@ -812,7 +872,7 @@ async function unpack(text) {
 }
 async function hash() {
   const fields = [preset ? `preset=${preset}` : `system=${await pack(writeSystem(problem))}`, `method=${METHODS[method()][0]}`, `tolerance=${$('tolerance').value}`,
-    `show=${SHOWS.filter((s) => $('show-' + s).checked).join('+')}`];
+    `show=${SHOWS.filter((s) => $('show-' + s).checked).join('+')}`, ...(problem.dim === 3 ? [`turn=${turn.map((v) => v.toFixed(3))}`] : [])];
   return '#' + fields.join('&');
 }
 let keeping = 0;
@@ -827,10 +887,13 @@ async function readState() {
   if (index >= 0) $('method').selectedIndex = index;
   if ([...$('tolerance').options].some((o) => o.value === fields.tolerance)) $('tolerance').value = fields.tolerance;
   if (fields.show !== undefined) SHOWS.forEach((s) => { $('show-' + s).checked = fields.show.split('+').includes(s); });
-  if (fields.system) { take(readSystem(await unpack(fields.system))); return true; }
   const known = PRESETS.find((p) => p.id === fields.preset);
-  if (known) take(checkSystem(known.make()), known.id);
-  return Boolean(known);
+  if (fields.system) take(readSystem(await unpack(fields.system)));
+  else if (known) take(checkSystem(known.make()), known.id);
+  else return false;
+  const angles = (fields.turn || '').split(',').map(Number);
+  if (problem.dim === 3 && angles.length === 2 && angles.every(Number.isFinite)) turnTo(...angles);
+  return true;
 }
 
 /** Repaints everything that depends on the theme. */
@@ -853,7 +916,7 @@ function begin() {
   $('from-random').onclick = randomStart;
   $('scrub').oninput = () => { stop(); const k = Number($('scrub').value); at = k >= shown.energies.length - 1 ? Infinity : k; redo(); };
   $('staircase').onclick = lookForLower;
-  $('take').onclick = () => { if (second) startAt(pairs(second.x)); };
+  $('take').onclick = () => { if (second) startAt(pointsOf(second.x)); };
   for (const [id, factor] of [['weaker', 0.1], ['stiffer', 10]])
     $(id).onclick = () => { remember(); problem.anchor_stiffness = problem.anchor_stiffness.map((k) => k * factor); inspect(); edited(); };
   $('save').onclick = () => {
@@ -898,7 +961,7 @@ if (typeof createPlayground === 'undefined') {
         bound: shown.certificate && shown.certificate.bound}),
       methods: () => all.map((s) => s && {status: s.status, energy: s.energy, iterations: s.iterations}),
       isIdle: () => !isStale && !isDirty && tasks.length === 0 && !held,
-      place: (kind, i) => { const [sx, sy] = kind === 'anchor' ? toScreen(...problem.anchors[i]) : toScreen(shown.x[2 * i], shown.x[2 * i + 1]), box = canvas.getBoundingClientRect(); return [box.left + sx, box.top + sy]; },
+      place: (kind, i) => { const [sx, sy] = kind === 'anchor' ? toScreen(problem.anchors[i]) : toScreen(shown.x, i), box = canvas.getBoundingClientRect(); return [box.left + sx, box.top + sy]; },
       read: (text) => take(readSystem(text)),
       second: () => second && {energy: second.energy, bound: second.bound},
       times: () => times.splice(0),

@@ -2,11 +2,11 @@
 /* The playground's systems: each `make` returns one in the form of docs/system-json.md. Stiffness is 1 / (standard deviation)^2. */
 const PRESETS = (() => {
   const system = (name, anchors, k, links, mu, kl, more = {}) => ({
-    asterism_system: 1, name, dim: 2, anchors, anchor_stiffness: [k].flat().length === 1 ? anchors.map(() => [k].flat()[0]) : k,
+    asterism_system: 1, name, dim: anchors[0].length, anchors, anchor_stiffness: [k].flat().length === 1 ? anchors.map(() => [k].flat()[0]) : k,
     links, rest_length: mu === undefined ? links.map(([i, j]) => distance(anchors[i], anchors[j])) : [mu].flat().length === 1 ? links.map(() => [mu].flat()[0]) : mu,
     link_stiffness: [kl].flat().length === 1 ? links.map(() => [kl].flat()[0]) : kl, ...more,
   });
-  const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
+  const distance = (a, b) => Math.hypot(...a.map((v, c) => v - b[c]));
   const pairs = (n) => Array.from({length: n}, (_, i) => Array.from({length: n - i - 1}, (_, j) => [i, i + j + 1])).flat();
   const ring = (n, r, turn = 0) => Array.from({length: n}, (_, i) => [r * Math.cos(2 * Math.PI * i / n + turn), r * Math.sin(2 * Math.PI * i / n + turn)]);
   // Pseudo-random numbers in [-1, 1), the same on every machine.
@@ -59,17 +59,26 @@ const PRESETS = (() => {
     return system('cloth of 100 parts', anchors, 1e-3, links, mu, kl, {fixed: [0, n - 1], start});
   };
   // Links all pairs, with lengths by their distances in the graph, as for a layout by stress majorisation.
-  const layout = (name, n, edges, seed) => {
+  const layout = (name, edges, anchors, k, seed) => {
+    const n = anchors.length;
     const apart = Array.from({length: n}, (_, i) => Array.from({length: n}, (_, j) => i === j ? 0 : Infinity));
     for (const [i, j] of edges) apart[i][j] = apart[j][i] = 1;
     for (let k = 0; k < n; ++k) for (let i = 0; i < n; ++i) for (let j = 0; j < n; ++j) apart[i][j] = Math.min(apart[i][j], apart[i][k] + apart[k][j]);
     const random = noise(seed), all = pairs(n);
-    return system(name, ring(n, 80), 1e-3, all, all.map(([i, j]) => 50 * apart[i][j]), all.map(([i, j]) => 0.01 / apart[i][j] ** 2),
-      {start: Array.from({length: n}, () => [90 * random(), 90 * random()])});
+    return system(name, anchors, k, all, all.map(([i, j]) => 50 * apart[i][j]), all.map(([i, j]) => 0.01 / apart[i][j] ** 2),
+      {start: anchors.map((a) => a.map(() => 90 * random()))});
   };
   // As the generalised Petersen graph G(10, 2).
-  const dodecahedron = () => layout('graph: the dodecahedron', 20,
-    Array.from({length: 10}, (_, i) => [[i, (i + 1) % 10], [i, i + 10], [i + 10, (i + 2) % 10 + 10]]).flat(), 7);
+  const dodecahedron = Array.from({length: 10}, (_, i) => [[i, (i + 1) % 10], [i, i + 10], [i + 10, (i + 2) % 10 + 10]]).flat();
+  const graph = () => layout('graph: the dodecahedron', dodecahedron, ring(20, 80), 1e-3, 7);
+  const solid = () => layout('the dodecahedron in space', dodecahedron, ring(20, 80).map(([x, y], i) => [x, 8 * i - 76, y]), 1e-3, 1);
+  const box = () => {
+    const random = noise(3), shape = Array.from({length: 8}, (_, i) => [i & 1 ? 90 : 0, i & 2 ? 60 : 0, i & 4 ? 50 : 0]);
+    const links = pairs(8).filter(([i, j]) => [1, 2, 4, 7].includes(i ^ j));  // edges, and diagonals through the middle
+    const anchors = shape.map((p) => p.map((v) => v + 8 * random()));
+    anchors[6] = [60, -30, 110];
+    return system('a box in space', anchors, shape.map((_, i) => i === 6 ? 5e-4 : 0.01), links, links.map(([i, j]) => distance(shape[i], shape[j])), 0.02);
+  };
   const contradiction = () => {
     const anchors = ring(6, 55);
     return system('contradictory lengths', anchors, 1e-3, pairs(6), pairs(6).map(([i, j]) => [90, 40, 120][(i + 2 * j) % 3]), 0.01);
@@ -92,8 +101,10 @@ const PRESETS = (() => {
     ['tracked', 'A tracked pedestrian', 'Four parts as the DPT tracker recorded them in frame 61 of the sequence woman.', tracked],
     ['cable', 'A cable', 'A chain between two fixed parts; weak anchors far below act like weights.', cable],
     ['cloth', 'A cloth', '100 parts, 342 links, two corners fixed.', cloth],
-    ['graph', 'A graph', 'A dodecahedron drawn by stress majorisation: all pairs are linked, with the weight 1 / distance². Methods end in different minima.', dodecahedron],
+    ['graph', 'A graph', 'A dodecahedron drawn by stress majorisation: all pairs are linked, with the weight 1 / distance². Methods end in different minima.', graph],
     ['contradiction', 'Contradictory lengths', 'No placement has all these lengths: nothing is certified, and the bound stays below the energy.', contradiction],
     ['bridge', 'A bridge', 'A truss on two supports with weights on its other joints.', truss],
+    ['box', 'A box in space', 'Eight parts in space, one of which was seen far off, with little certainty. Drag an empty place to turn the view, and a part to move it in the plane of the screen.', box],
+    ['solid', 'A graph in space', 'The same dodecahedron by the same stress majorisation, in space, where its distances fit better. Drag an empty place to turn the view.', solid],
   ].map(([id, title, about, make]) => ({id, title, about, make}));
 })();

@@ -1,55 +1,32 @@
 // playground_native FILE METHOD TOLERANCE: solves the first system of a file from its start, as the
-// playground does. Prints a JSON object: the system as the library writes it, x, status, energy and
-// iterations.
-#include <asterism/solver/energy/certificate.hpp>
-#include <asterism/solver/method/ida.hpp>
-#include <asterism/solver/method/lbfgs.hpp>
-#include <asterism/solver/method/newton.hpp>
-#include <asterism/solver/method/nonlinear_cg.hpp>
+// playground does. Prints a JSON object: the system as the library writes it, x, status, energy, iterations
+// and lower bound.
+#include <asterism/solver/terms/registry.hpp>
+#include <asterism/system.hpp>
 #include <cstdlib>
 #include <exception>
 #include <iostream>
 #include <nlohmann/json.hpp>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "playground_file.hpp"
 
-using System = asterism::SpringSystem<double, 2>;
-
-template <typename Solver>
-asterism::Summary solve(const System& system, System::Points& x, double tolerance) {
-  Solver solver;
-  solver.options.tolerance = tolerance;
-  solver.options.hold_floating = true;
-  return solver.solve(system, x);
+Eigen::MatrixXd points_of(const std::vector<double>& numbers, int dim) {
+  return Eigen::Map<const Eigen::MatrixXd>(numbers.data(), dim,
+                                           static_cast<Eigen::Index>(numbers.size()) / dim);
 }
 
-asterism::Summary solve(const std::string& method, const System& system, System::Points& x,
-                        double tolerance) {
-  if (method == "ida") return solve<asterism::Ida<System>>(system, x, tolerance);
-  if (method == "ncg") return solve<asterism::NonlinearCg<System>>(system, x, tolerance);
-  if (method == "lbfgs") return solve<asterism::Lbfgs<System>>(system, x, tolerance);
-  if (method == "newton") return solve<asterism::Newton<System>>(system, x, tolerance);
-  throw std::runtime_error("unknown method " + method);
+Eigen::VectorXd vector_of(const std::vector<double>& numbers) {
+  return Eigen::Map<const Eigen::VectorXd>(numbers.data(), static_cast<Eigen::Index>(numbers.size()));
 }
 
-System::Points points_of(const std::vector<double>& numbers) {
-  return Eigen::Map<const System::Points>(numbers.data(), 2, static_cast<Eigen::Index>(numbers.size() / 2));
-}
-
-System system_of(const PlaygroundFile& file) {
-  std::vector<asterism::Link> links;
-  for (const auto& [i, j] : file.links) links.push_back({i, j});
-  System system(asterism::Topology<>::from_links(static_cast<int>(file.anchors.size() / 2), links));
-  const auto vector_of = [](const std::vector<double>& numbers) {
-    return Eigen::Map<const Eigen::VectorXd>(numbers.data(), static_cast<Eigen::Index>(numbers.size()));
-  };
-  system.anchors = points_of(file.anchors);
-  system.anchor_stiffness = vector_of(file.anchor_stiffness);
-  system.rest_length = vector_of(file.rest_length);
-  system.link_stiffness = vector_of(file.link_stiffness);
+asterism::System system_of(const PlaygroundFile& file) {
+  asterism::System system(static_cast<int>(file.anchor_stiffness.size()), file.dim);
+  system.add_anchors(points_of(file.anchors, file.dim), vector_of(file.anchor_stiffness));
+  const Eigen::Map<const Eigen::Matrix2Xi> ends(file.ends.data(), 2,
+                                                static_cast<Eigen::Index>(file.ends.size()) / 2);
+  system.add_links(ends, vector_of(file.rest_length), vector_of(file.link_stiffness));
   for (const int node : file.fixed) system.fix(node);
   return system;
 }
@@ -61,9 +38,11 @@ int main(int argc, char** argv) {
   }
   try {
     const PlaygroundFile file = read_playground_file(argv[1]);
-    const System system = system_of(file);
-    System::Points x = points_of(file.start);
-    const asterism::Summary summary = solve(argv[2], system, x, std::atof(argv[3]));
+    const asterism::System system = system_of(file);
+    Eigen::MatrixXd x = points_of(file.start, file.dim);
+    auto solver = asterism::system_solvers().make(argv[2], {{"hold_floating", true}});
+    solver.options().tolerance = std::atof(argv[3]);
+    const asterism::Summary summary = solver.solve(system, x);
     nlohmann::json result;
     result["system"] = nlohmann::json::parse(file.written);
     for (const double value : x.reshaped()) result["x"].push_back(value);

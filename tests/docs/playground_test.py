@@ -173,6 +173,42 @@ class Test:
         check(moved['anchors'][1] != after['anchors'][1] and moved['anchors'][0] == after['anchors'][0], 'the anchor was not dragged')
         self.compare('a dragged anchor', 'newton', 1e-12)
 
+    def space(self):
+        def places(kind):
+            return [self.browser.run(f'return playground.place("{kind}", {i})') for i in range(8)]
+        self.browser.open(self.page, '#preset=box&method=newton&tolerance=1e-12&turn=0,0')
+        before = json.loads(self.browser.run('return playground.system()'))
+        begin = [round(v) for v in places('anchor')[1]]
+        self.browser.drag(begin, [(6 * i, -9 * i) for i in range(1, 12)])
+        after = json.loads(self.browser.run('return playground.system()'))
+        old, new = before['anchors'][1], after['anchors'][1]
+        check(new[0] > old[0] and new[1] < old[1] and new[2] == old[2], f'the anchor moved from {old} to {new}')
+        self.compare('a dragged anchor in space', 'newton', 1e-12)
+        # An empty place turns the view, about the vertical axis and about the horizontal one.
+        corner = self.browser.run('const b = document.getElementById("view").getBoundingClientRect(); return [Math.ceil(b.left) + 8, Math.ceil(b.top) + 8]')
+        still = places('node')
+        self.browser.drag(corner, [(5 * i, 3 * i) for i in range(1, 12)])
+        check(still != places('node') and json.loads(self.browser.run('return playground.system()')) == after, 'the view did not turn, or the system changed')
+        state = self.browser.wait('playground.hash()')
+        check('turn=0.550,-0.330' in state, f'the turn is not in the link {state[-40:]}')
+        self.browser.open(self.page, state)
+        check(self.browser.wait('playground.hash()') == state, 'the link leads to another view')
+        # A part moves in the plane of the screen, and ends under the pointer.
+        begin = [round(v) for v in places('anchor')[2]]
+        self.browser.drag(begin, [(-4 * i, 5 * i) for i in range(1, 12)])
+        end = places('anchor')[2]
+        check(max(abs(begin[0] - 44 - end[0]), abs(begin[1] + 55 - end[1])) < 1e-6, f'the anchor is at {end}')
+        self.browser.drag([round(v) for v in places('node')[5]], [(3 * i, 4 * i) for i in range(1, 12)])
+        self.compare('a dragged part in space', 'newton', 1e-12)
+        self.browser.run('document.getElementById("view").focus()')
+        still = places('node')
+        self.browser.press('6')
+        check(places('node') != still, 'the key turned nothing')
+        space = self.browser.run('return playground.system()')
+        self.browser.run('document.getElementById("from-random").click()')
+        self.browser.press(('control', 'z'))
+        check(self.browser.run('return playground.system()') == space, 'undo')
+
     def files_and_links(self):
         text = self.browser.run('return playground.system()')
         ours = self.solve_natively(text, 'newton', 1e-12)['system']
@@ -245,7 +281,7 @@ class Test:
     def phone(self):
         for dark in (False, True):
             self.browser.resize(375, 740, dark)
-            self.browser.open(self.page, '#preset=parts&method=newton')
+            self.browser.open(self.page, '#preset=box&method=newton')
             check(self.browser.run('return document.documentElement.dataset.theme') == ('dark' if dark else 'light'), 'the theme is not the system\'s')
             width = self.browser.run('return document.scrollingElement.scrollWidth')
             check(width <= 375, f'{width} px wide on a phone of 375')
@@ -255,7 +291,7 @@ class Test:
             time.sleep(0.2)
             self.browser.idle()
             box = self.browser.run('const b = document.getElementById("view").getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]')
-            for node in range(5):
+            for node in range(8):
                 x, y = self.browser.run(f'return playground.place("node", {node})')
                 check(box[0] < x < box[2] and box[1] < y < box[3], f'in a window of {size}, part {node} is at {x}, {y}, out of {box}')
         self.browser.resize(1280, 800)
@@ -265,10 +301,11 @@ class Test:
         for preset, method, show in (('parts', 'newton', 'path+ellipses+landscape+anchors'), ('two-minima', 'ida', 'path+ellipses+anchors'), ('hard-case', 'ncg', 'path+anchors'),
                                      ('cloth', 'lbfgs', 'path+ellipses+anchors'), ('cable', 'newton', 'path+ellipses'), ('graph', 'ncg', 'path+ellipses+anchors'),
                                      ('tracked', 'ida', 'path+ellipses+anchors'), ('weak-anchors', 'lbfgs', 'path+anchors'), ('bridge', 'newton', 'path+anchors'),
-                                     ('contradiction', 'ida', 'path+ellipses+anchors'), ('one-anchor', 'ida', 'path+ellipses+anchors')):
+                                     ('contradiction', 'ida', 'path+ellipses+anchors'), ('one-anchor', 'ida', 'path+ellipses+anchors'),
+                                     ('box', 'newton', 'path+ellipses+anchors'), ('solid', 'lbfgs', 'path')):
             for dark in (False, True):
                 for width, height in ((1280, 800), (375, 1900)):
-                    if preset not in ('parts', 'two-minima') and (dark or width == 375):
+                    if preset not in ('parts', 'two-minima', 'box') and (dark or width == 375):
                         continue
                     self.browser.resize(width, height, dark)
                     self.browser.open(self.page, f'#preset={preset}&method={method}&show={show}')
@@ -298,7 +335,7 @@ def main():
                 Test(browser, page, arguments.native, pathlib.Path(folder)).pictures(arguments.pictures)
                 return
             test = Test(browser, page, arguments.native, pathlib.Path(folder))
-            for part in (test.presets, test.dragging, test.files_and_links, test.keyboard, test.mouse_links, test.second_minimum, test.speed, test.phone):
+            for part in (test.presets, test.space, test.dragging, test.files_and_links, test.keyboard, test.mouse_links, test.second_minimum, test.speed, test.phone):
                 part()
                 check(not browser.errors(), f'{part.__name__}: errors in the console')
             print(f'{test.same} of {test.solves} results are the native ones bit for bit')

@@ -33,8 +33,8 @@ std::string method_elsewhere(std::string_view letters, const std::vector<std::st
     key.append(word).push_back(' ');
     return words.find(key) != std::string_view::npos;
   };
-  const auto* const row =
-      std::ranges::find_if(kRows, [&](const Row& each) { return has(each.theirs, letters); });
+  const auto* const row = std::find_if(std::begin(kRows), std::end(kRows),
+                                       [&](const Row& each) { return has(each.theirs, letters); });
   if (row == std::end(kRows)) return {};
   std::string answer(row->ours);
   for (const std::string& method : known) {
