@@ -30,7 +30,7 @@ using namespace asterism::bench;
 
 int run_bars(bool quick, bool large, const std::string& group) {
   Bars bars(quick, large, group);
-  std::printf("%-46s %-42s %-22s %s\n", "", "measured", "bar", "aim");
+  std::printf("%-46s %-42s %-22s %s\n", "", "measured", "target", "goal");
   small_bars(bars);
   dense_bars(bars);
   sparse_bars(bars);

@@ -6,7 +6,7 @@ namespace asterism::bench {
 
 void Bars::line(const std::string& name, const std::string& measured, const std::string& bar,
                 const std::string& aim, bool met, bool aim_met) {
-  const char* verdict = !met ? "NOT MET" : aim_met && aim != "-" ? "met, and the aim" : "met";
+  const char* verdict = !met ? "NOT MET" : aim_met && aim != "-" ? "met, and the goal" : "met";
   std::printf("%-46s %-42s %-22s %-14s %s\n", name.c_str(), measured.c_str(), bar.c_str(), aim.c_str(),
               bar == "-" ? "" : verdict);
   std::fflush(stdout);

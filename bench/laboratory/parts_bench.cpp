@@ -309,7 +309,7 @@ void parts_bench(bool quick) {
   for (const Item& item : roots) std::printf("  %-30s %8.2f ms\n", item.name.c_str(), 1e3 * item.time());
 
   Bars bars(quick, false, "");
-  std::printf("\n%-46s %-42s %-22s %s\n", "", "measured", "bar", "aim");
+  std::printf("\n%-46s %-42s %-22s %s\n", "", "measured", "target", "goal");
   bars.at_most("root and four parts, detect and train", "%.2f ms", 1e3 * five.time(), 1.5, 1.0);
 #ifdef ASTERISM_BENCH_OPENCV_TRACKING
   bars.times_faster("the five and the frame's gray against TrackerKCF", with_frame.time(), opencv.time(), 3,
