@@ -92,13 +92,15 @@ def mark_cells(app, document):
 
 
 def mark_charts(app, document):
-    """Charts are drawn on white; site.css inverts them in dark mode. A picture is a chart if it is an SVG or has one beside it, and so are
-    those of the gallery."""
+    """A picture is a chart if it is an SVG or has one beside it, and so are those of the gallery. site.css keeps charts large enough on a
+    phone, and inverts those that are drawn on white in dark mode."""
     for image in document.findall(nodes.image):
         drawing = pathlib.Path(app.srcdir, image['uri']).with_suffix('.svg')
-        white = drawing.is_file() and 'prefers-color-scheme' not in drawing.read_text(encoding='utf-8')
-        if white or drawing.name.startswith('gallery-'):
+        is_gallery = drawing.name.startswith('gallery-')
+        if drawing.is_file() or is_gallery:
             image['classes'].append('chart')
+        if is_gallery or drawing.is_file() and 'prefers-color-scheme' not in drawing.read_text(encoding='utf-8'):
+            image['classes'].append('white')
 
 
 def mark_literals(_, document):
