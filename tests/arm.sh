@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Compiles the solver, the batch, the parts and their tests for 64-bit ARM, and runs these under qemu (Debian 12; root or sudo).
+# Compiles the solver, the batch, the parts, the trackers and their tests for 64-bit ARM, and runs these under qemu (Debian
+# 12; root or sudo). Without CLI11 for ARM there are no programs, whose tests would start other processes.
 #
-#   bash tests/arm.sh [TARGET...]      all tests of solver and parts by default; those of the trackers by their names
+#   bash tests/arm.sh [TARGET...]      these tests, by default all of solver, parts and trackers
 #
 # OpenCV for ARM, with all that it needs, comes from Debian's packages for that processor (230 MB). They are extracted to
 # build/arm/debian and not installed, so that those of the host stay as they are.
@@ -41,14 +42,14 @@ configure() { cmake -G Ninja --toolchain "$PWD/tests/aarch64.cmake" -DCMAKE_BUIL
 configure -S /usr/src/googletest -B build/arm/googletest -DCMAKE_INSTALL_PREFIX="$root"
 cmake --build build/arm/googletest --target install >/dev/null
 configure -S . -B build/arm/asterism -DCMAKE_UNITY_BUILD=ON -DASTERISM_BUILD_PYTHON=OFF \
-  -DASTERISM_BUILD_BENCH=OFF -DASTERISM_BUILD_DOCS=OFF -DASTERISM_BUILD_TOOLS=OFF \
+  -DASTERISM_BUILD_BENCH=OFF -DASTERISM_BUILD_DOCS=OFF \
   -DOpenCV_DIR="$debian/usr/lib/aarch64-linux-gnu/cmake/opencv4"
 if [[ $# -gt 0 ]]; then
   cmake --build build/arm/asterism --target "$@"
   ctest --test-dir build/arm/asterism --output-on-failure --timeout 7200 -R "^($(IFS='|' && echo "$*"))\$"
   exit
 fi
-cmake --build build/arm/asterism --target tests/solver/all tests/parts/all
-for folder in solver parts; do
+cmake --build build/arm/asterism --target tests/solver/all tests/parts/all tests/trackers/all
+for folder in solver parts trackers; do
   ctest --test-dir build/arm/asterism/tests/$folder --output-on-failure --parallel 2 --timeout 7200
 done

@@ -17,6 +17,7 @@
 #include "got10k_export.hpp"
 #include "range_option.hpp"
 #include "report.hpp"
+#include "run_tool.hpp"
 #include "text.hpp"
 #include "tool_main.hpp"
 
@@ -333,7 +334,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);
-    return asterism::tools::fail(kName, error.what(), 2);
+    return asterism::tools::fail(kName, asterism::tools::problem_with(app, error), 2);
   }
   if (run.parsed()) return run.run(processes, command);
   if (report.parsed()) return processes.shard().index == 0 ? report.run() : 0;

@@ -136,17 +136,16 @@ EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   // A peer is also found by its own name, as OpenCV's CSRT is.
   std::string plain;
   for (const char letter : name) plain += static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
-  const auto distance = [&](const std::string& other) {
-    return std::min(detail::edit_distance(plain, other),
-                    detail::edit_distance(plain, other.substr(other.find('-') + 1)));
-  };
   std::vector<std::string> known = evaluated_tracker_names();
-  std::ranges::stable_sort(known, {}, distance);
-  std::string list;
-  for (const std::string& other : known) list += other + ", ";
-  throw std::invalid_argument(
-      "unknown tracker \"" + name + "\", did you mean \"" + known.front() + "\"? (known: " + list +
-      "dpt+MODEL, dpt_net:FOLDER, nanotrack:FOLDER, trax:COMMAND, trax:python:MODULE:CLASS)");
+  std::string hint = detail::near_name(plain, known);
+  if (hint.empty()) {
+    hint = detail::near_name(plain, known,
+                             [](const std::string& other) { return other.substr(other.find('-') + 1); });
+  }
+  for (const char* of :
+       {"dpt+MODEL", "dpt_net:FOLDER", "nanotrack:FOLDER", "trax:COMMAND", "trax:python:MODULE:CLASS"})
+    known.emplace_back(of);
+  throw std::invalid_argument("unknown tracker '" + name + "'" + hint + detail::known_names(known));
 }
 
 }  // namespace asterism::bench

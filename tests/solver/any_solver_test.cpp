@@ -100,12 +100,17 @@ TEST(AnySolver, OptionsByName) {
       {"bfgs", ": use 'lbfgs' (known: "},
       {"CG", ": use 'ncg' (known: "},
       {"SMACOF", ": use 'ida' (known: "},
+      {"adam", " (known: "},
       {"quux", " (known: "}};
   for (const auto& [wrong, answer] : kMeant)
     EXPECT_TRUE(refusal(wrong).starts_with("unknown method '" + std::string(wrong) + "'" + answer))
         << refusal(wrong);
   EXPECT_EQ(refusal("newton", {{"max_iteration", 3}}),
             "newton: unknown option 'max_iteration', did you mean 'max_iterations'?");
+  EXPECT_EQ(refusal("newton", {{"max_iter", 3}}),
+            "newton: unknown option 'max_iter', did you mean 'max_iterations'?");
+  EXPECT_TRUE(refusal("newton", {{"eps", 1e-3}})
+                  .starts_with("newton: unknown option 'eps' (known: tolerance, gap, max_iterations, "));
   EXPECT_EQ(refusal("newton", {{"max_iterations", 2.5}}),
             "newton: option 'max_iterations' must be an integer");
   EXPECT_EQ(refusal("newton", {{"max_iterations", -1}}),

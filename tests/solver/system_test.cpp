@@ -1473,11 +1473,16 @@ TEST(SystemErrors, NameWhatIsNear) {
   const auto message = [](auto&& f) -> std::string {
     try {
       f();
-    } catch (const std::invalid_argument& error) {
+    } catch (const std::logic_error& error) {
       return error.what();
     }
     return "nothing was thrown";
   };
+  EXPECT_EQ(message([&] { system.fix(-1); }), "node -1 is out of range (2 nodes)");
+  EXPECT_EQ(message([&] { system.term(7); }),
+            "term 7 is out of range (" + std::to_string(system.term_count()) + " terms)");
+  EXPECT_EQ(message([&] { one.choose("loss", "cauchy"); }),
+            "links: unknown loss 'cauchy' (known: quadratic, huber, geman-mcclure, truncated)");
   EXPECT_EQ(message([&] { one.values("lenght"); }), "links: unknown column 'lenght', did you mean 'length'?");
   EXPECT_EQ(message([&] { one.choose("law", "hook"); }), "links: unknown law 'hook', did you mean 'hooke'?");
   MatrixXd x = MatrixXd::Zero(2, 2);

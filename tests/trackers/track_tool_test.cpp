@@ -944,7 +944,7 @@ TEST_F(TrackTool, KeepsWhatThereIsWhenACameraDisappears) {
   const std::size_t frames = lines_of(path("boxes.csv")).size() - 1;
   EXPECT_GT(frames, std::size_t{kFrames / 3});
   EXPECT_LT(frames, std::size_t{kFrames});
-  expect_error("97" + std::string(kBox), {"cannot open 97 as a video, camera or image"});
+  expect_error("97" + std::string(kBox), {"cannot open camera 97"});
 }
 
 TEST(GroundTruthFile, GivesBoundingBoxesOfPolygonsAndRectangles) {

@@ -318,10 +318,11 @@ int rotation_of(const cv::VideoCapture& video) {
 
 void ImageSource::use_video(const std::string& input) {
   file_ = input.starts_with("file:") ? input.substr(5) : input;
+  int camera = 0;
+  const bool is_number = std::from_chars(input.data(), input.data() + input.size(), camera).ec == std::errc{};
+  const bool is_camera = all_digits(input) && is_number && !fs::exists(input);
   try {
-    int camera = 0;
-    const auto [end, error] = std::from_chars(input.data(), input.data() + input.size(), camera);
-    if (all_digits(input) && error == std::errc{} && !fs::exists(input)) {
+    if (is_camera) {
       video_.open(camera);
     } else {
       // The other back ends take seconds to refuse a file that is not a video, and start camera drivers for
@@ -332,7 +333,10 @@ void ImageSource::use_video(const std::string& input) {
   } catch (const cv::Exception&) {
     video_.release();  // the back end is missing: reported below like one that refuses
   }
-  if (!video_.isOpened()) throw std::runtime_error("cannot open " + input + " as a video, camera or image");
+  if (!video_.isOpened())
+    throw std::runtime_error("cannot open " +
+                             (is_camera ? "camera " + input + ": none is there, or another program has it"
+                                        : input + " as a video or image"));
   const double width = video_.get(cv::CAP_PROP_FRAME_WIDTH), height = video_.get(cv::CAP_PROP_FRAME_HEIGHT);
   if (width * height > static_cast<double>(kMostPixels))
     throw std::runtime_error(input + ": a video of " + std::to_string(std::lround(width)) + " x " +

@@ -8,6 +8,7 @@
 
 #include "range_option.hpp"
 #include "run.hpp"
+#include "run_tool.hpp"
 #include "tool_main.hpp"
 #include "tracker_option.hpp"
 
@@ -85,7 +86,10 @@ int run_command_line(int argc, char** argv) {
     const bool inputs =
         !rest.empty() && std::none_of(rest.begin(), rest.end(),
                                       [](const std::string& argument) { return argument.starts_with('-'); });
-    return fail(kProgram, inputs ? "one INPUT is taken, put a pattern in quotes: '*.jpg'" : e.what(), 2);
+    return fail(kProgram,
+                inputs ? "one INPUT is taken, put a pattern in quotes: '*.jpg'"
+                       : asterism::tools::problem_with(app, e),
+                2);
   }
   return g_stop_signal == 0 ? 0 : 128 + g_stop_signal;
 }

@@ -65,8 +65,8 @@ class OptionReader : public OptionVisitor {
       if (level.visited.empty())
         throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "': it has no options");
       else if (!level.visited.contains(name))
-        throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "', did you mean '" +
-                                    level.path + *detail::nearest(name, level.visited) + "'?");
+        throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "'" +
+                                    detail::name_hint(level.path + name, level.paths()));
     levels_.pop_back();
   }
 
@@ -75,6 +75,11 @@ class OptionReader : public OptionVisitor {
     std::string path;
     const Json* json;
     std::set<std::string, std::less<>> visited;
+    std::vector<std::string> paths() const {
+      std::vector<std::string> all;
+      for (const std::string& name : visited) all.push_back(path + name);
+      return all;
+    }
   };
 
   void made_by_name(std::string_view name, MemberReference member, std::string_view) override {
@@ -419,7 +424,9 @@ void PartRegistry::read_json(const std::string& of, std::string_view json, const
   try {
     object = Json::parse(json);
   } catch (const Json::exception& error) {  // also for a number beyond the range of double
-    throw std::invalid_argument(of + ": its options are not a JSON object: " + error.what());
+    throw std::invalid_argument(of + ": its options are not a JSON object: " + error.what() +
+                                " (an example is '" + of +
+                                "{\"option\": 1}', which a shell needs in single quotes)");
   }
   if (!object.is_object())
     throw std::invalid_argument(of + ": its options are not a JSON object but " + object.dump());
@@ -456,8 +463,8 @@ const PartRegistry::Factory& PartRegistry::find(std::string_view name) {
     throw std::invalid_argument("'" + std::string(name) + "' is a plugin: give one of its models, " + models);
   }
   if (at == factories_.end())
-    throw std::invalid_argument("unknown part model '" + std::string(name) + "', did you mean '" +
-                                *detail::nearest(name, names()) + "'?");
+    throw std::invalid_argument("unknown part model '" + std::string(name) + "'" +
+                                detail::name_hint(name, names()));
   return at->second;
 }
 

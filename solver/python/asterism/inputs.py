@@ -61,7 +61,7 @@ def square(matrix: Any, name: str, hints: dict[int, str] | None = None) -> int:
     except ValueError:
         raise ValueError(f"{name}: expected shape (N, N), found rows of different lengths") from None
     if len(shape) != 2 or shape[0] != shape[1]:
-        raise ValueError(f"{name}: expected shape (N, N), found {tuple(shape)}{(hints or {}).get(len(shape), '')}")
+        raise ValueError(f"{name}: expected shape (N, N), found {tuple(shape) or type(matrix).__name__}{(hints or {}).get(len(shape), '')}")
     return int(shape[0])
 
 

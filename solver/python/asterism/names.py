@@ -54,7 +54,7 @@ _FUNCTIONS = {
     **dict.fromkeys(["springlayout", "kamadakawailayout", "fruchtermanreingoldlayout", "graphvizlayout", "draw", "neato", "sfdp"], "layout"),
     **dict.fromkeys(["minimize", "leastsquares", "optimize", "curvefit"], "solve"),
     **dict.fromkeys(["trackercsrt", "trackercsrtcreate", "trackerkcf", "trackerkcfcreate", "trackermil", "trackermilcreate"], "OpenCvTracker"),
-    **dict.fromkeys(["maketracker", "dpt", "dptplus", "kcf", "lgt"], "Tracker"),
+    **dict.fromkeys(["maketracker", "trackercreate", "createtracker", "csrt", "dpt", "dptplus", "kcf", "lgt"], "Tracker"),
     **dict.fromkeys(["trilaterate", "trilateration", "multilaterate", "multilateration"], "locate"),
 }
 
@@ -69,6 +69,9 @@ _LEFT_OUT = {
 
 # The method that has an option, if not all have it.
 _OWNER = {"starts": "multi-start", "seed": "multi-start", "spread": "multi-start", "max_nodes": "branch-and-bound"}
+
+# What is given to solve beside a method's options.
+_OF_SOLVE = {"on_iteration": "give solve a function on_iteration", "start": "the start is x, the second argument of solve"}
 
 
 def no_option(of: str, name: str, known: Sequence[str]) -> str:
@@ -88,6 +91,8 @@ def no_option(of: str, name: str, known: Sequence[str]) -> str:
     same = [option for option in known if _OPTIONS.get(_plain(option), ("", ""))[0] == (ours or name)]
     if same:  # `of` has another library's names, as MDS has
         return f"{of} has no option '{name}': here it is '{same[0]}'{listed}"
+    if ours in _OF_SOLVE and "hold_floating" in known:  # the options of a method
+        return f"{of} has no option '{name}': {_OF_SOLVE[ours]}{listed}"
     if ours in _OWNER:
         return f"{of} has no option '{name}': '{ours}' is an option of the method '{_OWNER[ours]}'{listed}"
     near = difflib.get_close_matches(name.lower(), known, 1)

@@ -14,15 +14,14 @@ std::string method_elsewhere(std::string_view letters, const std::vector<std::st
   static constexpr Row kRows[] = {
       {" levenbergmarquardt lm levmar gaussnewton dogleg trustncg trustregion trustexact trustkrylov trf "
        "hybr ",
-       "'newton' for small systems, 'newton-sparse' or 'newton-cg' for large ones",
-       " ceres-dense ceres-sparse "},
+       "'newton' for small systems, 'newton-cg' for large ones", " ceres-dense ceres-sparse "},
       {" bfgs lbfgsb quasinewton ", "'lbfgs'", " ceres-lbfgs liblbfgs "},
       {" tnc truncatednewton newtonkrylov ", "'newton-cg'", ""},
       {" cg conjugategradient nonlinearcg fletcherreeves polakribiere ", "'ncg'", " ceres-cg "},
       {" smacof majorization majorisation localglobal arap ", "'ida'", ""},
       {" gnc gncoptimizer graduatednonconvexity ", "'graduated'", ""},
       {" basinhopping differentialevolution dualannealing shgo brute global ",
-       "'multi-start', or 'branch-and-bound' for a proof of the minimum", ""},
+       "'multi-start', or 'staircase' for a lower bound of the energy", ""},
       {" default best any ", "'auto'", ""},
       {" kamadakawai stress neato spring fruchtermanreingold forceatlas2 sfdp ",
        "the default, with which layout minimises the stress as Kamada and Kawai do", ""},

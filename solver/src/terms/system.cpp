@@ -32,6 +32,14 @@ System& System::operator=(const System& other) {
   return *this;
 }
 
+std::size_t System::index(int i, std::size_t count, const char* of) {
+  const auto at = static_cast<std::size_t>(i);
+  if (at >= count)
+    raise(std::out_of_range(std::string(of) + " " + std::to_string(i) + " is out of range (" +
+                            std::to_string(count) + " " + of + "s)"));
+  return at;
+}
+
 void System::add_nodes(int count) {
   if (count < 0) raise(std::invalid_argument("a negative number of nodes cannot be added"));
   is_fixed_.resize(is_fixed_.size() + static_cast<std::size_t>(count));
@@ -39,7 +47,7 @@ void System::add_nodes(int count) {
 
 void System::remove_nodes(std::span<const int> nodes) {
   std::vector<int> number(is_fixed_.size(), 0);
-  for (const int node : nodes) number.at(static_cast<std::size_t>(node)) = -1;
+  for (const int node : nodes) number[index(node, number.size(), "node")] = -1;
   std::vector<bool> fixed;
   for (std::size_t i = 0; i < number.size(); ++i) {
     if (number[i] < 0) continue;
@@ -51,7 +59,7 @@ void System::remove_nodes(std::span<const int> nodes) {
     const Eigen::MatrixXi& of = terms_[t]->nodes();
     for (Eigen::Index e = 0; e < of.cols(); ++e) {
       bool is_gone = false;
-      for (const int node : of.col(e)) is_gone |= number.at(static_cast<std::size_t>(node)) < 0;
+      for (const int node : of.col(e)) is_gone |= number[index(node, number.size(), "node")] < 0;
       if (is_gone) gone[t].push_back(static_cast<int>(e));
     }
   }

@@ -21,11 +21,8 @@ constexpr std::string_view kLosses[] = {"quadratic", "huber", "geman-mcclure", "
 
 std::span<const std::string_view> losses() { return kLosses; }
 
-std::string nearest_of(std::string_view what, std::string_view name,
-                       std::span<const std::string_view> names) {
-  std::string message = "unknown " + std::string(what) + " '" + std::string(name) + "'";
-  if (!names.empty()) message += ", did you mean '" + std::string(*detail::nearest(name, names)) + "'?";
-  return message;
+std::string unknown(std::string_view what, std::string_view name, std::span<const std::string_view> names) {
+  return "unknown " + std::string(what) + " '" + std::string(name) + "'" + detail::name_hint(name, names);
 }
 
 bool is_allowed(double value, Column::Range range) {
@@ -95,7 +92,7 @@ std::size_t Term::find(std::string_view name) const {
   if (at == columns_.end()) {
     std::vector<std::string_view> names;
     for (const Column& column : columns_) names.push_back(column.name);
-    raise(std::invalid_argument(std::string(kind_) + ": " + nearest_of("column", name, names)));
+    raise(std::invalid_argument(std::string(kind_) + ": " + unknown("column", name, names)));
   }
   return static_cast<std::size_t>(at - columns_.begin());
 }
@@ -116,7 +113,7 @@ void Term::choose(std::string_view name, std::string_view value) {
   const std::span<const std::string_view> names = choice.names();
   const auto at = std::find(names.begin(), names.end(), value);
   if (at == names.end())
-    raise(std::invalid_argument(std::string(kind_) + ": " + nearest_of(name, value, names)));
+    raise(std::invalid_argument(std::string(kind_) + ": " + unknown(name, value, names)));
   choice.value = static_cast<int>(at - names.begin());
 }
 

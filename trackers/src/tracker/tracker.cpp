@@ -154,17 +154,16 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
 // Suggests the nearest known name, except for OpenCV's trackers: none of ours is meant by their names.
 [[noreturn]] void refuse_name(const std::string& name) {
   const std::vector<std::string> names = tracker_names();
-  std::string plain, known;
+  std::string plain;
   for (const char letter : name) plain += static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
   const std::string of_opencv = plain.starts_with("opencv-") ? plain.substr(7) : plain;
-  for (const std::string& n : names) known += (known.empty() ? "" : ", ") + n;
-  std::string hint = ", did you mean '" + *detail::nearest(plain, names) + "'?";
+  std::string hint = detail::near_name(plain, names);
   for (const char* each : {"csrt", "mil", "mosse", "medianflow", "tld", "boosting", "goturn", "dasiamrpn"}) {
     if (of_opencv == each)
       hint = std::string(": it is OpenCV's, which asterism-eval runs as 'opencv-") + each +
              "'; our most accurate one is 'dpt_plus'";
   }
-  throw std::invalid_argument("unknown tracker '" + name + "'" + hint + " (known: " + known + ")");
+  throw std::invalid_argument("unknown tracker '" + name + "'" + hint + detail::known_names(names));
 }
 
 // Makes a tracker by its name, as an AnyTracker or another type that any tracker converts to.

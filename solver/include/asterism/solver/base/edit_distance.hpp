@@ -5,7 +5,9 @@
 #include <cstddef>
 #include <functional>
 #include <numeric>
+#include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace asterism {
@@ -29,11 +31,48 @@ inline std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
+/// How much a word differs from one that may be meant by it: the edit distance, or 1 if one contains the
+/// other or has the same letters in another order.
+inline std::size_t difference(std::string_view word, std::string_view other) {
+  if (word.size() > other.size()) std::swap(word, other);
+  const bool is_part = word.size() > 2 && other.find(word) != other.npos;
+  if (word != other && (is_part || std::is_permutation(word.begin(), word.end(), other.begin(), other.end())))
+    return 1;
+  return edit_distance(word, other);
+}
+
 /// The one of `words`, or of their `name`s, that is nearest to a word; there must be at least one.
 template <typename Words, typename Name = std::identity>
 auto nearest(std::string_view word, const Words& words, Name name = {}) {
   return std::ranges::min_element(
-      words, {}, [&](const auto& each) { return edit_distance(word, std::invoke(name, each)); });
+      words, {}, [&](const auto& each) { return difference(word, std::invoke(name, each)); });
+}
+
+/// ", did you mean 'dpt'?", if a name differs from the word by less than half of its letters; else empty.
+template <typename Names, typename Name = std::identity>
+std::string near_name(std::string_view word, const Names& names, Name name = {}) {
+  if (names.empty()) return {};
+  const auto near = nearest(word, names, name);
+  const auto other = std::invoke(name, *near);
+  if (2 * difference(word, other) >= std::max(word.size(), other.size())) return {};
+  std::string text = ", did you mean '";
+  text.append(*near).append("'?");
+  return text;
+}
+
+/// " (known: dpt, kcf)".
+template <typename Names>
+std::string known_names(const Names& names) {
+  std::string text;
+  for (const auto& name : names) text.append(text.empty() ? " (known: " : ", ").append(name);
+  return text.empty() ? text : text.append(")");
+}
+
+/// One of both: a near name, or all.
+template <typename Names>
+std::string name_hint(std::string_view word, const Names& names) {
+  const std::string near = near_name(word, names);
+  return near.empty() ? known_names(names) : near;
 }
 
 }  // namespace detail

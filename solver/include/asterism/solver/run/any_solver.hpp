@@ -185,14 +185,8 @@ inline std::string unknown_method(std::string_view name, const std::vector<std::
   std::string message = "unknown method '" + std::string(name) + "'";
   const std::string letters = letters_of(name);
   const std::string answer = elsewhere != nullptr ? elsewhere(letters, known) : std::string();
-  const auto near = nearest(letters, known, letters_of);
-  if (!answer.empty()) {
-    message += ": use " + answer;
-  } else if (near != known.end() && 2 * edit_distance(letters, letters_of(*near)) <= letters.size()) {
-    message += ", did you mean '" + *near + "'?";
-  }
-  for (const std::string& each : known) message += (&each == known.data() ? " (known: " : ", ") + each;
-  return known.empty() ? message : message + ")";
+  message.append(answer.empty() ? near_name(letters, known, letters_of) : ": use " + answer);
+  return message.append(known_names(known));
 }
 
 /// Sets one option.
@@ -236,11 +230,11 @@ class OptionSetter final : public OptionVisitor {
     value = static_cast<std::uint64_t>(*integer);
   }
 
-  /// Throws std::invalid_argument that names the nearest option, if there was no option of this name.
+  /// Throws std::invalid_argument that names the nearest option, or all, if there was no option of this name.
   void check_found() const {
     if (found_) return;
-    raise(std::invalid_argument(std::string(of_) + ": unknown option '" + option_.name + "', did you mean '" +
-                                *nearest(option_.name, names_) + "'?"));
+    raise(std::invalid_argument(std::string(of_) + ": unknown option '" + option_.name + "'" +
+                                name_hint(option_.name, names_)));
   }
 
  private:

@@ -50,8 +50,8 @@ class ASTERISM_API System {
   void remove_nodes(std::span<const int> nodes);
 
   /// A fixed node stays where the start has it. Throws std::out_of_range.
-  void fix(int node) { is_fixed_.at(static_cast<std::size_t>(node)) = true; }
-  void unfix(int node) { is_fixed_.at(static_cast<std::size_t>(node)) = false; }
+  void fix(int node) { is_fixed_[index(node, is_fixed_.size(), "node")] = true; }
+  void unfix(int node) { is_fixed_[index(node, is_fixed_.size(), "node")] = false; }
   bool is_fixed(int node) const { return is_fixed_[static_cast<std::size_t>(node)]; }
 
   /// Adds a term. The reference holds until the term is removed. Throws std::invalid_argument for another
@@ -64,8 +64,9 @@ class ASTERISM_API System {
   /// Removes one of the terms.
   void remove(const Term& term);
   int term_count() const { return static_cast<int>(terms_.size()); }
-  Term& term(int t) { return *terms_.at(static_cast<std::size_t>(t)); }
-  const Term& term(int t) const { return *terms_.at(static_cast<std::size_t>(t)); }
+  /// Throws std::out_of_range.
+  Term& term(int t) { return *terms_[index(t, terms_.size(), "term")]; }
+  const Term& term(int t) const { return *terms_[index(t, terms_.size(), "term")]; }
 
   /// Terms with elements. `nodes` has an element in each column; other arrays have one column, or entry, for
   /// each element, or one for all of them. Throws std::invalid_argument for sizes that do not fit.
@@ -93,6 +94,8 @@ class ASTERISM_API System {
   static Eigen::VectorXd all(double value) { return Eigen::VectorXd::Constant(1, value); }
 
  private:
+  static std::size_t index(int i, std::size_t count, const char* of);
+
   int dim_;
   std::vector<bool> is_fixed_;
   std::vector<std::unique_ptr<Term>> terms_;
