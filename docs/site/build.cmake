@@ -50,7 +50,7 @@ file(COPY ${docs}/ DESTINATION ${pages} PATTERN site EXCLUDE)
 file(COPY ${PROJECT_SOURCE_DIR}/CHANGELOG.md ${PROJECT_SOURCE_DIR}/CONTRIBUTING.md DESTINATION ${pages})
 execute_process(
   COMMAND ${sphinx-build} -q -E -a -W --keep-going -d ${BINARY_DIR}/doctrees -c ${docs}/site
-          -D reference_tags=${BINARY_DIR}/doxygen/tags.xml ${pages} ${site}
+          -D reference_tags=${BINARY_DIR}/doxygen/tags.xml -D "html_title=Asterism ${PROJECT_VERSION}" ${pages} ${site}
   COMMAND_ERROR_IS_FATAL ANY)
 file(COPY_FILE ${site}/README.html ${site}/index.html)
 execute_process(COMMAND ${CMAKE_COMMAND} -DPROJECT_SOURCE_DIR=${PROJECT_SOURCE_DIR} -DFOLDER=${BINARY_DIR}/playground

@@ -24,7 +24,6 @@ myst_dmath_double_inline = True
 suppress_warnings = ['ref.myst']
 
 html_theme = 'furo'
-html_title = 'Asterism'
 html_copy_source = False
 html_show_copyright = False
 html_show_sphinx = False
