@@ -277,7 +277,7 @@ function turnTo(yaw, pitch) {
   const [c, s, d, t] = turn.flatMap((v) => [Math.cos(v), Math.sin(v)]);
   axes = problem.dim === 2 ? [[1, 0], [0, 1]] : [[c, 0, -s], [s * t, d, c * t], [s * d, -t, c * d]];
   landscape = null;
-  redo();
+  redo(); keepState();
 }
 const turnBy = (dx, dy) => turnTo(turn[0] + 0.01 * dx, turn[1] - 0.01 * dy);
 
@@ -558,8 +558,9 @@ function remember() {
 function undo() {
   const text = past.pop();
   if (text) {
-    const isOther = problem.dim !== (problem = checkSystem(JSON.parse(text))).dim;
-    if (isOther) show();
+    const before = problem.dim;
+    problem = checkSystem(JSON.parse(text));
+    if (problem.dim !== before) show();
     select(selected && selected.kind !== 'link' && selected.index < problem.anchors.length ? selected : {kind: 'node', index: 0});
     edited();
   }
@@ -741,8 +742,7 @@ canvas.addEventListener('pointermove', (event) => {
   }
   if (pointer.kind === 'turn') {
     turn = pointer.turn;
-    turnBy(screen[0] - pointer.screen[0], screen[1] - pointer.screen[1]);
-    return keepState();
+    return turnBy(screen[0] - pointer.screen[0], screen[1] - pointer.screen[1]);
   }
   if (pointer.kind === 'link') { pointer.screen = screen; isDirty = true; return; }
   if (!pointer.moved && Math.hypot(screen[0] - pointer.from[0], screen[1] - pointer.from[1]) < 3) return;
