@@ -182,7 +182,7 @@ Cost cost_of(Call call) {
   return {cpu_seconds() - start, memory("VmHWM") - before};
 }
 
-#if defined(NDEBUG) && !defined(ASTERISM_TEST_SANITIZED) && !defined(ASTERISM_TEST_EMULATED)
+#if defined(NDEBUG) && !defined(ASTERISM_TEST_SANITIZED) && !defined(ASTERISM_TEST_EMULATOR)
 constexpr double kMostSeconds = 2, kMostMegabytes = 300;
 #else
 constexpr double kMostSeconds = 60, kMostMegabytes = 3000;  // with freed memory that is not returned yet

@@ -27,6 +27,10 @@
 
 #include "same_results.hpp"
 
+#ifndef ASTERISM_TEST_EMULATOR
+#define ASTERISM_TEST_EMULATOR ""
+#endif
+
 namespace asterism {
 namespace {
 
@@ -104,7 +108,9 @@ TEST_P(Trackers, GivesTheSameBitsInAnotherProcess) {
   const std::string filter = "All/Trackers.DISABLED_Digest" + test.substr(test.find('/'));
   const auto run = [&] {
     std::string digest;
-    FILE* pipe = popen((self + " --gtest_also_run_disabled_tests --gtest_filter=" + filter).c_str(), "r");
+    FILE* pipe = popen(
+        (ASTERISM_TEST_EMULATOR + self + " --gtest_also_run_disabled_tests --gtest_filter=" + filter).c_str(),
+        "r");
     if (pipe == nullptr) return digest;
     std::string line(1 << 16, '\0');  // room for hundreds of parts
     while (std::fgets(line.data(), static_cast<int>(line.size()), pipe) != nullptr)
