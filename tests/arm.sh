@@ -46,10 +46,10 @@ configure -S . -B build/arm/asterism -DCMAKE_UNITY_BUILD=ON -DASTERISM_BUILD_PYT
   -DOpenCV_DIR="$debian/usr/lib/aarch64-linux-gnu/cmake/opencv4"
 if [[ $# -gt 0 ]]; then
   cmake --build build/arm/asterism --target "$@"
-  ctest --test-dir build/arm/asterism --output-on-failure --timeout 7200 -R "^($(IFS='|' && echo "$*"))\$"
+  ctest --test-dir build/arm/asterism --output-on-failure -R "^($(IFS='|' && echo "$*"))\$"
   exit
 fi
 cmake --build build/arm/asterism --target tests/solver/all tests/parts/all tests/trackers/all
 for folder in solver parts trackers; do
-  ctest --test-dir build/arm/asterism/tests/$folder --output-on-failure --parallel 2 --timeout 7200
+  ctest --test-dir build/arm/asterism/tests/$folder --output-on-failure --parallel 2
 done
