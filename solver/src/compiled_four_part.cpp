@@ -1,5 +1,22 @@
 #include "compiled.hpp"
 
+namespace asterism::lanes_v0_1 {
+
+#ifdef ASTERISM_LANES_X86
+bool iterate_four_nodes_avx512(FourNodes& at);
+#endif
+
+bool iterate_four_nodes([[maybe_unused]] FourNodes& at) {
+#ifdef ASTERISM_LANES_X86
+  static const bool serves = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+                             __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("fma");
+  if (serves) return iterate_four_nodes_avx512(at);
+#endif
+  return false;
+}
+
+}  // namespace asterism::lanes_v0_1
+
 namespace asterism {
 inline namespace ASTERISM_ABI {
 

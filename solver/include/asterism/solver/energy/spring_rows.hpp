@@ -23,6 +23,7 @@ namespace detail {
 
 #ifdef ASTERISM_SPRING_ROWS_AVX2
 typedef double FourDoubles __attribute__((vector_size(32)));
+typedef long long FourInts __attribute__((vector_size(32)));
 #endif
 
 /// The nodes of a row of links side by side, for as many springs at a time as the processor's registers hold:
@@ -71,6 +72,7 @@ class SpringRows {
   static constexpr bool kPossible = (kDim == 2 || kDim == 3) && kMostNodes >= kLeastNodes &&
                                     kMostNodes <= 1024 &&
                                     std::is_same_v<typename System::Model::LinkPotential, Hooke>;
+  static constexpr int kPadding = 3;
   // Springs at a time.
   static constexpr int kWidth =
       std::max<int>(2, static_cast<int>(EIGEN_MAX_STATIC_ALIGN_BYTES / sizeof(Scalar)));
@@ -82,6 +84,13 @@ class SpringRows {
     for (int i = 0; i < system.nodes(); ++i) {
       for (int c = 0; c < kDim; ++c) {
         coordinates_[c][i] = x(c, i);
+        forces_[c][i] = 0;
+      }
+    }
+    // What stands beside the last node in a vector has no stiffness.
+    for (int i = system.nodes(); i < system.nodes() + kPadding; ++i) {
+      for (int c = 0; c < kDim; ++c) {
+        coordinates_[c][i] = coordinates_[c][system.nodes() - 1];
         forces_[c][i] = 0;
       }
     }
@@ -151,18 +160,20 @@ class SpringRows {
     std::memcpy(at, &four, sizeof four);
   }
 
-  // The same by four springs at a time.
+  // The same by four springs at a time, the end of a row with what follows in memory.
   template <bool kWithGradient>
   [[gnu::target("avx2,fma")]] double sum_avx2() {
     const int n = system_.nodes();
     const double* rest_length = system_.rest_length.data();
     const double* stiffness = system_.link_stiffness.data();
+    const double* const last = stiffness + system_.link_count() - 4;
     FourDoubles energies = {};
     double rest = 0;
     for (int i = 0; i < n; ++i) {
       FourDoubles forces[kDim] = {};
       int j = i + 1;
-      for (; j + 4 <= n; j += 4, rest_length += 4, stiffness += 4) {
+      for (int count; j < n && stiffness <= last; j += count, rest_length += count, stiffness += count) {
+        count = std::min(4, n - j);
         FourDoubles d[kDim];
         FourDoubles square = {};
         for (int c = 0; c < kDim; ++c) {
@@ -170,12 +181,14 @@ class SpringRows {
           square = d[c] * d[c] + square;
         }
         if (__builtin_ia32_movmskpd256(FourDoubles(square < kTiny)) != 0) [[unlikely]] {
-          for (int w = 0; w < 4; ++w) rest += one<kWithGradient>(i, j + w, rest_length[w], stiffness[w]);
+          for (int w = 0; w < count; ++w) rest += one<kWithGradient>(i, j + w, rest_length[w], stiffness[w]);
           continue;
         }
+        const FourInts lanes = {0, 1, 2, 3};
+        const FourDoubles k = FourDoubles(FourInts(load(stiffness)) & (lanes < count));
         const FourDoubles length = __builtin_ia32_sqrtpd256(square);
         const FourDoubles stretch = length - load(rest_length);
-        const FourDoubles tension = load(stiffness) * stretch;
+        const FourDoubles tension = k * stretch;
         energies = tension * stretch + energies;
         if constexpr (kWithGradient) {
           const FourDoubles weight = tension / length;
@@ -234,8 +247,8 @@ class SpringRows {
 
   const System& system_;
   const Points& x_;
-  alignas(64) Scalar coordinates_[kDim][kMostNodes];
-  alignas(64) Scalar forces_[kDim][kMostNodes];
+  alignas(64) Scalar coordinates_[kDim][kMostNodes + kPadding];
+  alignas(64) Scalar forces_[kDim][kMostNodes + kPadding];
 };
 
 }  // namespace detail

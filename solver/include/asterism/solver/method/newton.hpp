@@ -11,6 +11,7 @@
 #include <asterism/solver/energy/newton_matrix.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/method/descent.hpp>
+#include <asterism/solver/method/four_nodes.hpp>
 #include <asterism/solver/method/saddle.hpp>
 #include <asterism/solver/run/compiled.hpp>
 #include <asterism/solver/run/options.hpp>
@@ -94,6 +95,37 @@ class Newton {
     ++summary.energy_evaluations;
     ++summary.gradient_evaluations;
     return matrix_.assemble(system, x, clamps_, gradient);
+  }
+
+  // What of `iterate` the compiled library has in vectors. False, with nothing changed, if it does not serve.
+  bool iterate_compiled(const System& system, Points& x, Summary& summary, bool& converged) {
+    if constexpr (detail::kHasFourNodes<System>) {
+      if (system.nodes() != 4 || session_.watches() || system.fixed_count() != 0 ||
+          !system.topology().is_full() || system.has_offsets() || system.has_loads())
+        return false;
+      gradient_.resize(System::kDim, 4);
+      lanes_v0_1::FourNodes at{system.anchors.data(),
+                               system.anchor_stiffness.data(),
+                               system.link_stiffness.data(),
+                               system.rest_length.data(),
+                               session_.node_stiffness().data(),
+                               session_.length(),
+                               session_.tolerance(),
+                               options.max_iterations,
+                               realign_,
+                               x.data(),
+                               gradient_.data()};
+      if (!lanes_v0_1::iterate_four_nodes(at)) return false;
+      energy_ = at.energy;
+      clamps_ = at.clamps;
+      converged = at.converged;
+      if (converged) summary.positive_definite = at.definite;
+      summary.iterations = at.iterations;
+      summary.energy_evaluations = summary.gradient_evaluations = at.evaluations;
+      summary.factorizations = summary.linear_solves = at.factorizations;
+      return true;
+    }
+    return false;
   }
 
   // The whole step, if the stopping rule is met after it.
@@ -280,7 +312,13 @@ Status Newton<System>::iterate(const System& system, Points& x, Summary& summary
   realign_ = options.align && detail::has_weak_anchors(system);
   matrix_.reset(session_.node_stiffness());
   clamps_ = true;
-  energy_ = assemble(system, x, gradient_, summary);
+  bool converged = false;
+  bool is_assembled = !iterate_compiled(system, x, summary, converged);
+  if (converged) {
+    session_.adopt(x, energy_, gradient_);
+    return Status::Converged;
+  }
+  if (is_assembled) energy_ = assemble(system, x, gradient_, summary);
   while (true) {
     session_.report(x, gradient_, summary.iterations);
     const bool stationary = session_.stationary(gradient_);
@@ -290,8 +328,9 @@ Status Newton<System>::iterate(const System& system, Points& x, Summary& summary
       summary.positive_definite.reset();
       return Status::MaxIterations;
     }
-    if (stationary && clamps_) {
-      clamps_ = false;
+    if (!is_assembled || (stationary && clamps_)) {
+      clamps_ = clamps_ && !stationary;
+      is_assembled = true;
       assemble(system, x, gradient_, summary);
     }
     ++summary.factorizations;

@@ -16,6 +16,16 @@ using PlaneSystem = SpringSystem<double, 2>;
 using SpaceSystem = SpringSystem<double, 3>;
 using FourPartSystem = SpringSystem<double, 2, 4>;
 
+/// Whether it has Newton's iterations for four nodes of this type in vectors, too.
+template <typename System>
+inline constexpr bool kHasFourNodes = false;
+#ifdef ASTERISM_SOLVER_COMPILED
+template <>
+inline constexpr bool kHasFourNodes<PlaneSystem> = true;
+template <>
+inline constexpr bool kHasFourNodes<FourPartSystem> = true;
+#endif
+
 }  // namespace detail
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

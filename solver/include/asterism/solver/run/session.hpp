@@ -110,6 +110,8 @@ class Session {
       is_stopped_ |= !on_iteration_({iteration, energy, norm, View(copy.data(), copy.rows(), copy.cols())});
     }
   }
+  /// Whether someone looks at iterates, or may ask to stop.
+  bool watches() const { return watches_ || stop_ != nullptr; }
   /// Whether iterates are reported.
   bool reports() const { return static_cast<bool>(on_iteration_); }
   /// Whether this gradient is that of a stationary point by the stopping rule.
