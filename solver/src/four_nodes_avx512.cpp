@@ -126,7 +126,7 @@ ASTERISM_INLINE V column(V diagonal, V x, V y, int a, int b, int c, int d) {
 
 // Energy, gradient and the columns of H, or of its clamped form. False where two nodes coincide.
 ASTERISM_INLINE bool evaluate(const System& s, V x, bool clamp, Value& value, V* columns) {
-  // Without a sixth link and a seventh, the first one stands in their lanes, with no stiffness.
+  // In the last two lanes, the first link stands once more, without stiffness.
   const V dx = pick(x, indices(0, 0, 0, 2, 2, 4, 0, 0)) - pick(x, indices(2, 4, 6, 4, 6, 6, 2, 2));
   const V dy = pick(x, indices(1, 1, 1, 3, 3, 5, 1, 1)) - pick(x, indices(3, 5, 7, 5, 7, 7, 3, 3));
   const V square = L::fma(dx, dx, dy * dy);
