@@ -498,6 +498,12 @@ std::vector<double> pivot_start(const Graph& graph, int dim, const std::atomic<b
 Summary draw_graph(const Graph& graph, int dim, std::span<double> x, const DrawingAnchors& anchors,
                    const DrawingOptions& options, const DrawingRules& rules) {
   const detail::Stopwatch stopwatch;
+  const std::size_t nodes = at(graph.nodes()), numbers = nodes * at(std::max(dim, 0));
+  const bool has_anchors = !anchors.positions.empty() || !anchors.weights.empty();
+  if (dim != 2 && dim != 3) return detail::refused("sgd", "dim must be 2 or 3");
+  if (x.size() != numbers) return detail::refused("sgd", "x must have dim coordinates for each node");
+  if (has_anchors && (anchors.positions.size() != numbers || anchors.weights.size() != nodes))
+    return detail::refused("sgd", "anchors must have dim coordinates and a weight for each node");
   Summary summary;
   const auto work = [&] {
     // A round may have the pairs of all nodes with some sources; 200 bytes a node are for all else.
@@ -515,11 +521,12 @@ Summary draw_graph(const Graph& graph, int dim, std::span<double> x, const Drawi
     }
     std::vector<double> points, positions, weights;
     for (const int node : order) {
+      if (!anchors.weights.empty()) weights.push_back(anchors.weights[at(node)]);
+      const bool is_held = !weights.empty() && std::isinf(weights.back());
       for (std::size_t c = at(node) * at(dim); c < at(node + 1) * at(dim); ++c) {
-        points.push_back(x[c]);
+        points.push_back(is_held ? anchors.positions[c] : x[c]);
         if (!anchors.weights.empty()) positions.push_back(anchors.positions[c]);
       }
-      if (!anchors.weights.empty()) weights.push_back(anchors.weights[at(node)]);
     }
     summary =
         dim == 3 ? drawing.run<3>(points, positions, weights) : drawing.run<2>(points, positions, weights);

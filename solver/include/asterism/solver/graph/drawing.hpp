@@ -27,7 +27,8 @@ struct DrawingOptions {
 /// Known positions of nodes: the energy w |x_i - a_i|^2 each. The default: none.
 struct DrawingAnchors {
   std::span<const double> positions;  ///< dim for each node
-  std::span<const double> weights;    ///< one for each node: 0 for none, infinite to hold the node there
+  std::span<const double>
+      weights;  ///< one for each node: 0 for none, infinite to hold the node there from the start
 };
 
 /// A start for draw_graph: `dim` coordinates for each node, each component around the origin, by classical
@@ -50,7 +51,8 @@ ASTERISM_API std::vector<double> pivot_start(const Graph& graph, int dim,
 /// The summary's final_energy is half the stress, estimated from such a sample of pairs, and initial_energy
 /// that of the x given, from the same ones. If it is not lower, x is as it was, with Status::NoProgress;
 /// Status::MaxIterations otherwise. Of Status::Interrupted both are -1. InvalidInput for a weight beyond the
-/// range of double, as that of a path of length 0, and OutOfMemory.
+/// range of double, as that of a path of length 0, and for numbers of coordinates or weights that do not fit;
+/// OutOfMemory.
 ///
 /// With rules, x keeps to them exactly, even if its stress is then higher than that of the x given. After
 /// each iteration, one pass moves apart what breaks a rule, and in the end x is moved as by apply_rules.
