@@ -110,6 +110,17 @@ class FullLinks {
   }
 
   Scalar energy(int l) const { return energy_[l]; }
+  /// As link_force and spring have them.
+  [[gnu::always_inline]] LinkForce<Scalar> force(int l) const {
+    return {energy_[l], tension_[l], along_[l], tension_[l] * inverse_[l]};
+  }
+  [[gnu::always_inline]] Spring<System> spring(int l) const {
+    Spring<System> result;
+    result.length = length_[l];
+    result.inverse = inverse_[l];
+    for (int c = 0; c < kDim; ++c) result.direction[c] = direction_[c][l];
+    return result;
+  }
   /// The force of link l on node i; that on node j is its negative.
   [[gnu::always_inline]] Point pull(int l) const {
     Point result;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/full_links.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -100,16 +101,18 @@ class Minoriser {
     bend_.setZero(n);
     degree_.setOnes(n);
     for (int i = 0; i < n; ++i) is_free_[i] = !system.is_fixed(i) && !held(i);
-    for_each_spring(
-        system, x,
-        [&](int i, const Point& offset) {
-          add_anchor(system, i, offset);
-          if (system.has_loads()) [[unlikely]]
-            add_load(system, i, x);
-        },
-        [&](int l, const Link& link, const auto& force, const auto& spring) {
-          add_link(system, l, link, force, spring, clamp);
-        });
+    if (!set_full(system, x, clamp)) {
+      for_each_spring(
+          system, x,
+          [&](int i, const Point& offset) {
+            add_anchor(system, i, offset);
+            if (system.has_loads()) [[unlikely]]
+              add_load(system, i, x);
+          },
+          [&](int l, const Link& link, const auto& force, const auto& spring) {
+            add_link(system, l, link, force, spring, clamp);
+          });
+    }
     for (int i = 0; i < n; ++i) {
       if (!is_free_[i]) gradient.col(i).setZero(), gradient_scale[i] = 0, scale[i] = 1;
     }
@@ -182,6 +185,22 @@ class Minoriser {
     }
   }
 
+  // The springs of a small full topology; false where it does not serve.
+  bool set_full(const System& system, const Points& x, bool clamp) {
+    using Links = FullLinks<System>;
+    if constexpr (Links::kServes) {
+      Links links;
+      if (!Links::serve(system) || !links.set(system, x)) return false;
+      for (int i = 0; i < system.nodes(); ++i) add_anchor(system, i, anchor_offset(system, i, x));
+      Links::for_each([&](auto i, auto j, auto l) {
+        add_link(system, l, Link{i, j}, links.force(l), links.spring(l), clamp);
+      });
+      return true;
+    } else {
+      return false;
+    }
+  }
+
   void add_anchor(const System& system, int i, const Point& offset) {
     const AnchorForce<System> force = anchor_force(system, i, offset);
     double k = system.anchor_stiffness[i];
@@ -209,8 +228,9 @@ class Minoriser {
     gradient_scale[i] += f.cwiseAbs().sum();
   }
 
-  void add_link(const System& system, int l, const Link& link, const LinkForce<double>& force,
-                const Spring<System>& spring, bool clamp) {
+  [[gnu::always_inline]] void add_link(const System& system, int l, const Link& link,
+                                       const LinkForce<double>& force, const Spring<System>& spring,
+                                       bool clamp) {
     const bool moves = is_free_[link.i] || is_free_[link.j];
     const double k = system.link_stiffness[l];
     if (force.tension < 0 && spring.length == 0 && moves && peaked_link < 0) peaked_link = l;
