@@ -1,3 +1,4 @@
+#include <Eigen/Eigenvalues>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <asterism/solver/base/finite.hpp>
@@ -16,6 +17,7 @@
 #include "matrix.hpp"
 #include "methods.hpp"
 #include "prover.hpp"
+#include "run.hpp"
 #include "stopping_rule.hpp"
 
 namespace asterism {
@@ -46,6 +48,8 @@ System lifted(const System& system, int dim) {
   }
   return result;
 }
+
+constexpr int kMostFine = 200;  // nodes; for more, what takes their cube takes minutes
 
 // W: the second derivatives by the last coordinate of all nodes, at points where it is 0. It is coupled to no
 // other coordinate there.
@@ -83,6 +87,11 @@ class LastCoordinate final : public CurvatureSink {
     const double least_pivot =
         64 * std::numeric_limits<double>::epsilon() * Eigen::VectorXd(w.diagonal()).cwiseAbs().maxCoeff();
     for (int i = 0; i < system_.nodes(); ++i) w.coeffRef(i, i) += least_pivot;
+    if (system_.nodes() <= kMostFine) {  // a pivot's direction is worse, and leads to a saddle more often
+      const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen{Eigen::MatrixXd(w)};
+      v = eigen.eigenvectors().col(0);
+      return std::min(eigen.eigenvalues()[0], 0.0);
+    }
     Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>, Eigen::Lower, Eigen::AMDOrdering<int>> factor(w);
     if (factor.info() != Eigen::Success || !all_finite(factor.vectorD())) return 0;
     Eigen::Index least = 0;
@@ -146,6 +155,36 @@ double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
   return highest;
 }
 
+// Newton's method with a share of the nodes' stiffness added to the Hessian, as much as it needs (Levenberg
+// 1944): near a minimum in more dimensions, the Hessian is nearly singular, or has slightly negative
+// eigenvalues until the last of these dimensions is found.
+Status damped_newton(SystemRun& run) {
+  constexpr double kFirst = 1e-6, kMost = 1e3, kFactor = 10;
+  SystemMatrix matrix(SystemMatrix::Storage::Best);
+  SystemFactor factor;
+  double share = kFirst;
+  while (!run.is_over()) {
+    matrix.assemble(run.system(), run.x(), Curvature::True);
+    double added = 0, step = 1;
+    for (bool has_moved = false; !has_moved; share *= step == 1 && has_moved ? 1 / kFactor : kFactor) {
+      if (share > kMost) return Status::NoProgress;
+      matrix.shift(run.rule().node_stiffness(), share - added);
+      added = share;
+      ++run.summary().factorizations;
+      step = 1;
+      has_moved = factor.factorize(matrix) && run.search(-factor.solve(run.gradient()), step);
+    }
+    ++run.summary().iterations;
+  }
+  return run.end();
+}
+
+// A certificate at each iterate would take longer than the iterations.
+AlignedOptions without_gap(AlignedOptions options) {
+  options.gap = 0;
+  return options;
+}
+
 class Climb {
  public:
   Climb(const System& system, const StaircaseOptions& options, Eigen::MatrixXd& x, Summary& best)
@@ -170,8 +209,7 @@ class Climb {
   // energy hardly falls; but W lacks more to be semi-definite than any bound can bear. With a tolerance so
   // much finer it lacks next to nothing.
   static constexpr double kFine = 1e-4;
-  static constexpr int kMostFine = 200;    // nodes; for more it takes minutes
-  static constexpr int kMostSteps = 3000;  // of L-BFGS
+  static constexpr int kMostSteps = 40;  // of damped_newton
 
   // Whether the interval is wide because little is proven of the minimum in more dimensions. If it is wide
   // because that minimum is so low, further dimensions do not help.
@@ -196,38 +234,25 @@ class Climb {
           std::max(best_.lower_bound, bound_near(system_, x.topRows(system_.dim()), system_.dim()));
       return false;
     }
-    const bool is_first = points.rows() == system_.dim();
-    if (!minimise(lifted, x, options_.tolerance, is_first)) return false;
-    const bool can_prove = prover_ && system_.nodes() <= kMostFine;
-    if (can_prove && !is_lowest(x) && !minimise(lifted, x, kFine * options_.tolerance, false)) return false;
+    const bool is_fine = prover_ && system_.nodes() <= kMostFine;
+    if (!minimise(lifted, x, false) || (is_fine && !minimise(lifted, x, true))) return false;
     relaxed_ = energy(lifted, x);
     best_.lower_bound = std::max(best_.lower_bound, bound_near(lifted, x, system_.dim()));
     points.swap(x);  // Eigen 3.4 frees a matrix twice if memory runs out where it changes its size
     return true;
   }
 
-  // Whether no further dimension leads down from x.
-  bool is_lowest(const Eigen::MatrixXd& x) const {
-    const auto dim = static_cast<int>(x.rows()) + 1;
-    if (dim > System::kMaxDim) return true;
-    Eigen::MatrixXd flat = Eigen::MatrixXd::Zero(dim, x.cols());
-    flat.topRows(x.rows()) = x;
-    const System more = lifted(system_, dim);
-    Eigen::VectorXd direction;
-    return !(LastCoordinate(more, flat).negative_direction(direction) < 0);
-  }
-
-  // Moves x to a minimum in more dimensions, which may be far or is near. False where the caller asks to
-  // stop.
-  bool minimise(const System& lifted, Eigen::MatrixXd& x, double tolerance, bool is_far) {
-    AlignedOptions options = options_;
+  // Moves x to a minimum in more dimensions, if `is_fine` from near it. False where the caller asks to stop.
+  bool minimise(const System& lifted, Eigen::MatrixXd& x, bool is_fine) {
+    AlignedOptions options = without_gap(options_);
     options.align = false;
-    options.gap = 0;
-    options.tolerance = tolerance;
-    if (!is_far) options.max_iterations = std::min(options.max_iterations, kMostSteps);
     options.on_iteration = options_.on_lifted_iteration;
-    const Summary summary =
-        is_far ? SystemAuto{options}.solve(lifted, x) : SystemLbfgs{options}.solve(lifted, x);
+    if (is_fine) {
+      options.tolerance *= kFine;
+      options.max_iterations = std::min(options.max_iterations, kMostSteps);
+    }
+    const Summary summary = is_fine ? SystemRun::solve("damped Newton", options, lifted, x, damped_newton)
+                                    : SystemAuto{options}.solve(lifted, x);
     if (summary.status == Status::OutOfMemory) raise(std::bad_alloc());
     best_.add_work(summary);
     return summary.usable() && summary.status != Status::Interrupted;
@@ -275,7 +300,7 @@ class Climb {
   // Takes the minimum below the lifted points if it is lower. Whether nothing is left to be found.
   bool is_end(const Eigen::MatrixXd& lifted) {
     Eigen::MatrixXd trial = lifted.topRows(system_.dim());
-    Summary summary = SystemAuto{options_}.solve(system_, trial);
+    Summary summary = SystemAuto{without_gap(options_)}.solve(system_, trial);
     if (summary.status == Status::OutOfMemory) raise(std::bad_alloc());
     const bool is_lower = summary.usable() && summary.final_energy < best_.final_energy;
     if (is_lower) {
@@ -319,7 +344,8 @@ Summary SystemStaircase::solve(const System& system, Eigen::MatrixXd& x) const {
   const Stopwatch stopwatch;
   if (const std::string why = why_not_liftable(system); !why.empty())
     return refused(name(), std::string_view(why));
-  Summary best = SystemAuto{options}.solve(system, x);
+  if (const char* problem = options.problem()) return refused(name(), problem);
+  Summary best = SystemAuto{without_gap(options)}.solve(system, x);
   if (best.usable() && best.status != Status::Interrupted) {
     const auto climb = [&] {
       System held = system;
