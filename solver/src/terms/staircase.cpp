@@ -1,5 +1,4 @@
 #include <Eigen/Eigenvalues>
-#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
@@ -49,15 +48,13 @@ System lifted(const System& system, int dim) {
   return result;
 }
 
-constexpr int kMostFine = 200;  // nodes; for more, what takes their cube takes minutes
-
 // W: the second derivatives by the last coordinate of all nodes, at points where it is 0. It is coupled to no
 // other coordinate there.
 class LastCoordinate final : public CurvatureSink {
  public:
-  LastCoordinate(const System& system, const Eigen::MatrixXd& x) : system_(system) {
+  LastCoordinate(const System& system, const Eigen::MatrixXd& x)
+      : system_(system), w_(Eigen::MatrixXd::Zero(system.nodes(), system.nodes())) {
     for (int t = 0; t < system.term_count(); ++t) system.term(t).add_curvature(x, Curvature::True, *this);
-    for (int i = 0; i < system.nodes(); ++i) entries_.emplace_back(i, i, system.is_fixed(i) ? 1.0 : 0.0);
   }
 
   void add(const int* nodes, int count, const double* matrix, int rows) override {
@@ -79,37 +76,23 @@ class LastCoordinate final : public CurvatureSink {
     }
   }
 
-  // A direction in which W is negative, one number for each node, and v^T W v; 0 where there is none.
+  // The direction in which W is most negative, one number for each node, and v^T W v; 0 where there is none
+  // that rounding may not have made.
   double negative_direction(Eigen::VectorXd& v) const {
-    Eigen::SparseMatrix<double> w(system_.nodes(), system_.nodes());
-    w.setFromTriplets(entries_.begin(), entries_.end());
-    // Pivots of nodes that nothing holds there are not 0, which would end the factorisation.
-    const double least_pivot =
-        64 * std::numeric_limits<double>::epsilon() * Eigen::VectorXd(w.diagonal()).cwiseAbs().maxCoeff();
-    for (int i = 0; i < system_.nodes(); ++i) w.coeffRef(i, i) += least_pivot;
-    if (system_.nodes() <= kMostFine) {  // a pivot's direction is worse, and leads to a saddle more often
-      const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen{Eigen::MatrixXd(w)};
-      v = eigen.eigenvectors().col(0);
-      return std::min(eigen.eigenvalues()[0], 0.0);
-    }
-    Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>, Eigen::Lower, Eigen::AMDOrdering<int>> factor(w);
-    if (factor.info() != Eigen::Success || !all_finite(factor.vectorD())) return 0;
-    Eigen::Index least = 0;
-    const double pivot = factor.vectorD().minCoeff(&least);
-    if (!(pivot < 0)) return 0;
-    v = Eigen::VectorXd::Unit(system_.nodes(), least);  // W = P^T L D L^T P, and v = P^T L^-T e
-    factor.matrixU().solveInPlace(v);
-    v = (factor.permutationPinv() * v).eval();
-    return pivot;
+    if (!all_finite(w_) || w_.size() == 0) return 0;
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(w_);
+    v = eigen.eigenvectors().col(0);
+    const double rounding = 64 * std::numeric_limits<double>::epsilon() * w_.diagonal().cwiseAbs().maxCoeff();
+    return std::min(eigen.eigenvalues()[0] + rounding, 0.0);
   }
 
  private:
   void add(int a, int b, double value) {
-    if (a >= b && b >= 0 && !system_.is_fixed(a) && !system_.is_fixed(b)) entries_.emplace_back(a, b, value);
+    if (a >= 0 && b >= 0 && !system_.is_fixed(a) && !system_.is_fixed(b)) w_(a, b) += value;
   }
 
   const System& system_;
-  std::vector<Eigen::Triplet<double>> entries_;
+  Eigen::MatrixXd w_;
 };
 
 // The highest lower bound of the energy by quadratics that touch it near x, and not at x: at a minimum in
@@ -158,26 +141,35 @@ double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
 // Newton's method with a share of the nodes' stiffness added to the Hessian, as much as it needs (Levenberg
 // 1944): near a minimum in more dimensions, the Hessian is nearly singular, or has slightly negative
 // eigenvalues until the last of these dimensions is found.
-Status damped_newton(SystemRun& run) {
-  constexpr double kFirst = 1e-6, kMost = 1e3, kFactor = 10;
-  SystemMatrix matrix(SystemMatrix::Storage::Best);
-  SystemFactor factor;
-  double share = kFirst;
-  while (!run.is_over()) {
-    matrix.assemble(run.system(), run.x(), Curvature::True);
-    double added = 0, step = 1;
-    for (bool has_moved = false; !has_moved; share *= step == 1 && has_moved ? 1 / kFactor : kFactor) {
-      if (share > kMost) return Status::NoProgress;
-      matrix.shift(run.rule().node_stiffness(), share - added);
-      added = share;
-      ++run.summary().factorizations;
-      step = 1;
-      has_moved = factor.factorize(matrix) && run.search(-factor.solve(run.gradient()), step);
-    }
-    ++run.summary().iterations;
+struct DampedNewton {
+  AlignedOptions options;
+
+  Summary solve(const System& system, Eigen::MatrixXd& x) const {
+    return SystemRun::solve("damped Newton", options, system, x, iterate);
   }
-  return run.end();
-}
+
+ private:
+  static Status iterate(SystemRun& run) {
+    constexpr double kFirst = 1e-6, kMost = 1e3, kFactor = 10;
+    SystemMatrix matrix(SystemMatrix::Storage::Best);
+    SystemFactor factor;
+    double share = kFirst;
+    while (!run.is_over()) {
+      matrix.assemble(run.system(), run.x(), Curvature::True);
+      double added = 0, step = 1;
+      for (bool has_moved = false; !has_moved; share *= step == 1 && has_moved ? 1 / kFactor : kFactor) {
+        if (share > kMost) return Status::NoProgress;
+        matrix.shift(run.rule().node_stiffness(), share - added);
+        added = share;
+        ++run.summary().factorizations;
+        step = 1;
+        has_moved = factor.factorize(matrix) && run.search(-factor.solve(run.gradient()), step);
+      }
+      ++run.summary().iterations;
+    }
+    return run.end();
+  }
+};
 
 // A certificate at each iterate would take longer than the iterations.
 AlignedOptions without_gap(AlignedOptions options) {
@@ -198,9 +190,7 @@ class Climb {
     if (is_proven()) return;
     Eigen::MatrixXd points = x_;
     for (int more = 1; more <= kMostLifts; ++more) {
-      if (!descend(lifted(system_, system_.dim() + more), points) || is_end(points) || is_large() ||
-          !is_loose())
-        return;
+      if (!descend(lifted(system_, system_.dim() + more), points) || is_end(points) || !is_loose()) return;
     }
   }
 
@@ -209,7 +199,7 @@ class Climb {
   // energy hardly falls; but W lacks more to be semi-definite than any bound can bear. With a tolerance so
   // much finer it lacks next to nothing.
   static constexpr double kFine = 1e-4;
-  static constexpr int kMostSteps = 40;  // of damped_newton
+  static constexpr int kMostSteps = 40;  // from near a minimum in fewer dimensions
 
   // Whether the interval is wide because little is proven of the minimum in more dimensions. If it is wide
   // because that minimum is so low, further dimensions do not help.
@@ -218,9 +208,9 @@ class Climb {
     return relaxed_ - best_.lower_bound > kShare * (best_.final_energy - best_.lower_bound);
   }
 
-  // A system of many parts that hardly depend on each other, each of which may have a better place in one
-  // more dimension; more of these take very long.
-  bool is_large() const { return system_.nodes() > 1000; }
+  // Of many parts that hardly depend on each other, each of which may have a better place in one more
+  // dimension. What takes the cube of the number of nodes takes minutes.
+  bool is_large() const { return system_.nodes() > 200; }
 
   // Moves `points`, of fewer rows, down from where they are: first into a dimension that they lack, then to a
   // minimum, and raises the lower bound by what is proven there. False where there is no way down.
@@ -234,37 +224,46 @@ class Climb {
           std::max(best_.lower_bound, bound_near(system_, x.topRows(system_.dim()), system_.dim()));
       return false;
     }
-    const bool is_fine = prover_ && system_.nodes() <= kMostFine;
-    if (!minimise(lifted, x, false) || (is_fine && !minimise(lifted, x, true))) return false;
+    const bool is_first = points.rows() == system_.dim();
+    if (is_first && !minimise<SystemAuto>(lifted, x, 1)) return false;
+    if (!is_large() && prover_) {
+      if (!minimise<DampedNewton>(lifted, x, kFine, kMostSteps)) return false;
+    } else if (!is_first && !minimise<SystemNewtonCg>(lifted, x, 1, kMostSteps)) {
+      return false;
+    }
     relaxed_ = energy(lifted, x);
     best_.lower_bound = std::max(best_.lower_bound, bound_near(lifted, x, system_.dim()));
     points.swap(x);  // Eigen 3.4 frees a matrix twice if memory runs out where it changes its size
     return true;
   }
 
-  // Moves x to a minimum in more dimensions, if `is_fine` from near it. False where the caller asks to stop.
-  bool minimise(const System& lifted, Eigen::MatrixXd& x, bool is_fine) {
-    AlignedOptions options = without_gap(options_);
-    options.align = false;
-    options.on_iteration = options_.on_lifted_iteration;
-    if (is_fine) {
-      options.tolerance *= kFine;
-      options.max_iterations = std::min(options.max_iterations, kMostSteps);
-    }
-    const Summary summary = is_fine ? SystemRun::solve("damped Newton", options, lifted, x, damped_newton)
-                                    : SystemAuto{options}.solve(lifted, x);
+  // Moves x to a minimum in more dimensions, to a share of the tolerance. False where the caller asks to
+  // stop.
+  template <typename Method>
+  bool minimise(const System& lifted, Eigen::MatrixXd& x, double share,
+                int most_steps = std::numeric_limits<int>::max()) {
+    Method method{without_gap(options_)};
+    method.options.align = false;
+    method.options.on_iteration = options_.on_lifted_iteration;
+    method.options.tolerance *= share;
+    method.options.max_iterations = std::min(options_.max_iterations, most_steps);
+    const Summary summary = method.solve(lifted, x);
     if (summary.status == Status::OutOfMemory) raise(std::bad_alloc());
     best_.add_work(summary);
     return summary.usable() && summary.status != Status::Interrupted;
   }
 
-  // Moves each node by up to a tenth of the characteristic length in the last coordinate: a direction of
-  // negative curvature would move one part of the system, or few.
-  static void displace(const System& lifted, Eigen::MatrixXd& x) {
-    const double most = characteristic_length(lifted, x) / 10;
+  // Moves each node in the last coordinate, by up to a tenth of the characteristic length, or by a share of
+  // how far the nodes are in the one before: a direction of negative curvature would move one part of the
+  // system, or few.
+  void displace(const System& lifted, Eigen::MatrixXd& x) const {
+    constexpr double kShare = 0.3;
+    const double before = x.row(lifted.dim() - 2).norm() / std::sqrt(static_cast<double>(x.cols()));
+    const double most =
+        lifted.dim() > system_.dim() + 1 ? kShare * before : characteristic_length(lifted, x) / 10;
     for (int i = 0; i < lifted.nodes(); ++i) {
       // Fibonacci hashing: numbers without a pattern, the same on every machine.
-      const std::uint64_t hash = (static_cast<std::uint64_t>(i) + 1) * 0x9e3779b97f4a7c15U >> 11;
+      const std::uint64_t hash = (static_cast<std::uint64_t>(x.size() - i)) * 0x9e3779b97f4a7c15U >> 11;
       if (!lifted.is_fixed(i)) x(lifted.dim() - 1, i) = most * (0x1p-52 * static_cast<double>(hash) - 1);
     }
   }
