@@ -177,6 +177,51 @@ AlignedOptions without_gap(AlignedOptions options) {
   return options;
 }
 
+// A system and a constant: their energy is at most that of another system where some nodes are in a part of
+// the plane, as the anchors of these nodes have taken up terms that are not positive there.
+struct Part {
+  System system;
+  double constant;            // to be added to the energy
+  int term = 0, element = 0;  // the anchor that `pull` changes
+
+  // Chooses the anchor of a node for `pull`. False where it has none that is a plain spring.
+  bool take(int node) {
+    for (int t = 0; t < system.term_count(); ++t) {
+      Term& anchors = system.term(t);
+      if (anchors.kind() != "anchors" || !anchors.is_quadratic() || anchors.values("information").size() > 0)
+        continue;
+      for (int e = 0; e < anchors.size(); ++e) {
+        if (anchors.nodes()(0, e) != node || !anchors.is_stiff(e)) continue;
+        for (const char* column : {"position", "stiffness"}) {
+          Eigen::MatrixXd& values = anchors.values(column);
+          if (values.cols() != anchors.size()) values = values.col(0).replicate(1, anchors.size()).eval();
+        }
+        term = t;
+        element = e;
+        return true;
+      }
+    }
+    return false;
+  }
+
+  static constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();
+
+  // Adds k |u|^2 / 2 - f . u + c for the place u of the node from a center.
+  void pull(const Eigen::VectorXd& center, double k, const Eigen::VectorXd& f, double c) {
+    auto position = system.term(term).values("position").col(element);
+    double& stiffness = system.term(term).values("stiffness")(0, element);
+    const Eigen::VectorXd from = position - center;
+    const double before = stiffness * from.squaredNorm() / 2;
+    const Eigen::VectorXd to = (stiffness * from + f) / (stiffness + k);
+    stiffness += k;
+    position = center + to;
+    const double after = stiffness * to.squaredNorm() / 2;
+    // Less the rounding, also that of the position where the spring is as long as its energy may make it.
+    constant +=
+        before - after + c - kRounding * (before + after + std::abs(c) + stiffness * position.squaredNorm());
+  }
+};
+
 class Climb {
  public:
   Climb(const System& system, const StaircaseOptions& options, Eigen::MatrixXd& x, Summary& best)
@@ -190,8 +235,11 @@ class Climb {
     if (is_proven()) return;
     Eigen::MatrixXd points = x_;
     for (int more = 1; more <= kMostLifts; ++more) {
-      if (!descend(lifted(system_, system_.dim() + more), points) || is_end(points) || !is_loose()) return;
+      if (!descend(system_, points, best_.lower_bound)) break;
+      if (is_end(points)) return;
+      if (!is_loose(best_.lower_bound, best_.final_energy)) break;
     }
+    if (options_.gap > 0 && prover_ && !is_large()) divide(points);
   }
 
  private:
@@ -203,38 +251,100 @@ class Climb {
 
   // Whether the interval is wide because little is proven of the minimum in more dimensions. If it is wide
   // because that minimum is so low, further dimensions do not help.
-  bool is_loose() const {
+  bool is_loose(double bound, double highest) const {
     constexpr double kShare = 0.1;
-    return relaxed_ - best_.lower_bound > kShare * (best_.final_energy - best_.lower_bound);
+    return relaxed_ - bound > kShare * (highest - bound);
   }
 
   // Of many parts that hardly depend on each other, each of which may have a better place in one more
   // dimension. What takes the cube of the number of nodes takes minutes.
   bool is_large() const { return system_.nodes() > 200; }
 
-  // Moves `points`, of fewer rows, down from where they are: first into a dimension that they lack, then to a
-  // minimum, and raises the lower bound by what is proven there. False where there is no way down.
-  bool descend(const System& lifted, Eigen::MatrixXd& points) {
-    Eigen::MatrixXd x = Eigen::MatrixXd::Zero(lifted.dim(), lifted.nodes());
-    x.topRows(points.rows()) = points;
+  // Moves `points` down from where they are: first into a dimension that they lack, then to a minimum, and
+  // raises the lower bound by what is proven there. False where there is no way down.
+  bool descend(const System& system, Eigen::MatrixXd& points, double& bound) {
+    const int dim = system.dim(), rows = static_cast<int>(points.rows());
+    const System more = lifted(system, rows + 1);
+    Eigen::MatrixXd x = Eigen::MatrixXd::Zero(rows + 1, points.cols());
+    x.topRows(rows) = points;
     if (is_large()) {
-      displace(lifted, x);
-    } else if (!step_off(lifted, x)) {
-      best_.lower_bound =
-          std::max(best_.lower_bound, bound_near(system_, x.topRows(system_.dim()), system_.dim()));
+      displace(more, x);
+    } else if (!step_off(more, x)) {
+      bound = std::max(bound, bound_near(system, x.topRows(dim), dim));
       return false;
     }
-    const bool is_first = points.rows() == system_.dim();
-    if (is_first && !minimise<SystemAuto>(lifted, x, 1)) return false;
+    const bool is_first = rows == dim;
+    if (is_first && !minimise<SystemAuto>(more, x, 1)) return false;
     if (!is_large() && prover_) {
-      if (!minimise<DampedNewton>(lifted, x, kFine, kMostSteps)) return false;
-    } else if (!is_first && !minimise<SystemNewtonCg>(lifted, x, 1, kMostSteps)) {
+      if (!minimise<DampedNewton>(more, x, kFine, kMostSteps)) return false;
+    } else if (!is_first && !minimise<SystemNewtonCg>(more, x, 1, kMostSteps)) {
       return false;
     }
-    relaxed_ = energy(lifted, x);
-    best_.lower_bound = std::max(best_.lower_bound, bound_near(lifted, x, system_.dim()));
+    relaxed_ = energy(more, x);
+    bound = std::max(bound, bound_near(more, x, dim));
     points.swap(x);  // Eigen 3.4 frees a matrix twice if memory runs out where it changes its size
     return true;
+  }
+
+  // Raises the lower bound where it is low because nodes leave the plane. The one that leaves it most is, in
+  // the plane, inside a box around its place in x or beyond one of the sides, and the least of their bounds
+  // holds for all placements. Inside, the box limits how far the node is out of the plane, too; beyond, its
+  // springs are under tension. The part inside is then divided by the next node.
+  void divide(Eigen::MatrixXd points) {
+    constexpr int kMostDivisions = 3;
+    constexpr double kSize = 0.2;  // of the box, to how far the node is out of the plane
+    const int dim = system_.dim(), rows = static_cast<int>(points.rows()), more = rows - dim;
+    if (more == 0) return;
+    Part inside{system_, -Part::kRounding * best_.final_energy};
+    double beyond = std::numeric_limits<double>::infinity();
+    double least = best_.lower_bound;  // about that of the part inside
+    for (int division = 0; !says_so(false) && division < kMostDivisions; ++division) {
+      const System whole = lifted(inside.system, rows);
+      const Eigen::VectorXd stiffness = node_stiffness(whole, points);
+      const Eigen::VectorXd squares = points.bottomRows(more).colwise().squaredNorm();
+      Eigen::Index node = 0;
+      const double most = stiffness.cwiseProduct(squares).maxCoeff(&node);
+      if (!(most > 0) || system_.is_fixed(static_cast<int>(node)) || !inside.take(static_cast<int>(node)))
+        return;
+      const double half = kSize * std::sqrt(squares[node] / dim);
+      const Eigen::VectorXd center = x_.col(node);
+      SystemMatrix hessian(SystemMatrix::Storage::Best);
+      SystemFactor factor;
+      hessian.assemble(whole, points, Curvature::True);
+      hessian.shift(stiffness, 1e-9);
+      if (!factor.factorize(hessian)) return;
+      for (int side = 0; side < 2 * dim; ++side) {
+        Eigen::MatrixXd force = Eigen::MatrixXd::Zero(rows, points.cols());
+        force(side / 2, node) = side % 2 == 0 ? 1 : -1;
+        const Eigen::VectorXd normal = force.col(node).head(dim);
+        const Eigen::MatrixXd moved = factor.solve(force);
+        const double missing = half - normal.dot(points.col(node).head(dim) - center);
+        const double strength = std::max(0.0, missing / normal.dot(moved.col(node).head(dim)));
+        Part part = inside;
+        part.pull(center, 0, strength * normal, strength * half);
+        beyond = std::min(beyond, bound_of(part, points + strength * moved));
+        if (!(beyond > best_.lower_bound)) return;
+      }
+      const double tension = 4 * std::max(best_.final_energy - least, 0.0) * stiffness[node] / most;
+      inside.pull(center, tension, Eigen::VectorXd::Zero(dim), -tension * half * half * dim / 2);
+      least = bound_of(inside, points, &points);
+      best_.lower_bound = std::max(best_.lower_bound, std::min(least, beyond));
+    }
+  }
+
+  // The lower bound of a part, by its minimum near points in more dimensions.
+  double bound_of(const Part& part, Eigen::MatrixXd points, Eigen::MatrixXd* minimum = nullptr) {
+    const System more = lifted(part.system, static_cast<int>(points.rows()));
+    if (!minimise<DampedNewton>(more, points, kFine, kMostSteps)) return 0;
+    if (minimum != nullptr) *minimum = points;
+    relaxed_ = energy(more, points);
+    double bound = bound_near(more, points, system_.dim());
+    const double highest = best_.final_energy - part.constant, enough = highest - gap() * best_.final_energy;
+    while (bound < enough && is_loose(bound, highest) && points.rows() < system_.dim() + kMostLifts &&
+           descend(part.system, points, bound)) {
+    }
+    bound += part.constant;
+    return is_finite(bound) ? bound : 0;
   }
 
   // Moves x to a minimum in more dimensions, to a share of the tolerance. False where the caller asks to

@@ -40,9 +40,14 @@ struct StaircaseOptions : AlignedOptions {
 /// "auto" finds a minimum x. If certify does not prove it to be the lowest, the Hessian W of the energy in a
 /// dimension that x does not use may have a negative direction v: the same system with one more dimension,
 /// see Term::lifted, descends along v to a minimum, which is no higher than any in dim dimensions if W is
-/// positive semi-definite there. If it is not, that minimum is found to a finer tolerance (up to 200 nodes),
-/// and up to two more dimensions are added one by one. Its energy, as far as it is proven despite rounding,
-/// is a lower bound. Without their last coordinates, its nodes are another start for "auto".
+/// positive semi-definite there. If it is not, up to two more dimensions are added one by one. Its energy, as
+/// far as it is proven despite rounding, is a lower bound. Without their last coordinates, its nodes are
+/// another start for "auto". For up to 200 nodes the minimum is found to a finer tolerance; with more, all
+/// nodes are moved in each new dimension.
+///
+/// With SolverOptions::gap, the climb ends where the interval is as narrow, and if none is and there are up to
+/// 200 nodes, the space is divided around up to three nodes with plain anchors, each part with a bound of its
+/// own.
 ///
 /// The lower of both minima is returned. Summary::lower_bound is the lower end of the interval and
 /// final_energy the upper; if their distance is within SolverOptions::gap (1e-6 if that is 0), the message
