@@ -45,9 +45,9 @@ struct StaircaseOptions : AlignedOptions {
 /// another start for "auto". For up to 200 nodes the minimum is found to a finer tolerance; with more, all
 /// nodes are moved in each new dimension.
 ///
-/// With SolverOptions::gap, the climb ends where the interval is as narrow, and if none is and there are up to
-/// 200 nodes, the space is divided around up to three nodes with plain anchors, each part with a bound of its
-/// own.
+/// With SolverOptions::gap, the climb ends where the interval is as narrow, and if none is and there are up
+/// to 200 nodes, the space is divided around up to three nodes with plain anchors, each part with a bound of
+/// its own.
 ///
 /// The lower of both minima is returned. Summary::lower_bound is the lower end of the interval and
 /// final_energy the upper; if their distance is within SolverOptions::gap (1e-6 if that is 0), the message
