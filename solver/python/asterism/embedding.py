@@ -109,7 +109,7 @@ def mds(
     given = None if start is None else inputs.array(start, "start", (n, dim))
     if given is not None and not np.isfinite(given).all():
         raise ValueError("start: expected finite numbers")
-    return _embed(list(range(n)), pairs, lengths, stiffness, at, hold, given, dim, method, options)
+    return embed(list(range(n)), pairs, lengths, stiffness, at, hold, given, dim, method, options)
 
 
 def layout(
@@ -735,7 +735,7 @@ def _free(
         options = {"tolerance": 1e-6, **options}  # below it only long paths change, and take five times as long
         pairs, lengths, shares = graph.partners(_count(partners, "partners"), 1)
         weights = shares * _path_weights(lengths, power)
-    return _embed(
+    return embed(
         *(nodes, pairs, lengths, weights, at, hold, given, at.shape[1], method, options, graph, components),
         prove=partners is None,  # a proof of the sparse stress would take longer than the drawing
     )
@@ -791,7 +791,7 @@ def _ruled(
     return dataclasses.replace(found, x=x, nodes=nodes)
 
 
-def _embed(
+def embed(
     nodes: list[Any],
     pairs: npt.NDArray[np.intp],
     lengths: _Floats,

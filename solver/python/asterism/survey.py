@@ -78,9 +78,11 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     range_of = np.divide(weighted + weighted.T, weight, where=is_pair, out=np.zeros_like(given))
     # Where all pairs are measured, classical scaling, the first start, is near the best places.
     options = {"starts": 4} if is_pair.sum() == count * (count - 1) else {}
-    placed = embedding.mds(np.where(is_pair, range_of, np.nan), np.where(is_pair, weight, 0), dim=dim, **options)
-    if not placed:
-        raise ValueError(f"ranges: {placed.summary.message}")
+    i, j = pairs = np.nonzero(np.triu(is_pair))
+    free = np.zeros((count, dim)), np.zeros(count)  # no anchors
+    placed = embedding.embed(
+        list(range(count)), np.column_stack(pairs), range_of[i, j], weight[i, j], *free, None, dim, "multi-start", options, prove=bias == 0
+    )
     network = _Network(range_of, weight, bias)
     x, added, inverse = network.solve(placed.x)
     covariance, bias_sigma, message = network.uncertainty(x, inverse)
@@ -175,15 +177,16 @@ class _Network:
             decrease = -gradient @ step
             if clamp and decrease <= 1e-18 * (1 + energy):
                 break
-            for share in (1.0,) if clamp else (1.0, 0.5, 0.25, 0.125):
+            is_last = not clamp and 0 <= decrease <= 1e-10 * (1 + energy)  # the next one is its square
+            for share in (1.0,) if clamp or is_last else (1.0, 0.5, 0.25, 0.125):
                 there, biases = x + share * step[: count * dim].reshape(x.shape), c + share * step[count * dim :]
                 next_energy = self.energy(there, biases)
                 if next_energy <= energy:
                     break
+            if is_last:  # where the energy may rise by rounding
+                return there, biases, next_energy
             if decrease > 0 and next_energy <= energy:
                 x, c, energy, damping = there, biases, next_energy, max(damping / 10, 1e-12)
-                if not clamp and share == 1 and decrease <= 1e-10 * (1 + energy):  # the next one is its square
-                    break
                 clamp = decrease > 0.01 * (1 + energy)  # near a minimum the true Hessian leads to it
             elif not clamp:
                 clamp = True
