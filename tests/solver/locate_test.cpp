@@ -452,50 +452,89 @@ TEST(Locate, NeedsNoHeap) {
   }
 }
 
-TEST(LocateEach, IsLocateOfEachTag) {
-  Rng rng(6);
-  constexpr int kTags = 1000;
-  RangeBatch batch;
-  batch.tags = kTags;
-  batch.beacons_per_tag = 5;
-  Problem<2> all, shared = random_problem<2>(rng, kScattered, 0.1, 5);
-  std::vector<PositionFix<2>> expected;
-  for (const bool is_shared : {false, true}) {
-    all = {};
-    expected.clear();
-    for (int tag = 0; tag < kTags; ++tag) {
-      auto one = random_problem<2>(rng, kScattered, 0.1, 5);
-      if (is_shared) {
-        one.beacons = shared.beacons;
-        one.sigma = shared.sigma;
+/// Whether two results are the same, up to rounding. Minima are compared in units of their deviations.
+template <int Dim>
+bool is_same(const PositionFix<Dim>& a, const PositionFix<Dim>& b) {
+  if (a.status != b.status || a.proven != b.proven || a.count != b.count || a.within != b.within ||
+      text(a) != text(b))
+    return false;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(a.count); ++i) {
+    const auto &x = a.minima[i], &y = b.minima[i];
+    if (std::abs(x.energy - y.energy) > 1e-9 * (1 + y.energy) || std::abs(x.weight - y.weight) > 1e-5)
+      return false;
+    for (std::size_t k = 0; k < Dim; ++k) {
+      const double deviation = std::sqrt(y.covariance[k * Dim + k]);
+      if (std::abs(x.x[k] - y.x[k]) > 1e-5 * deviation) return false;
+      for (std::size_t l = 0; l < Dim; ++l) {
+        const double most = 1e-5 * deviation * std::sqrt(y.covariance[l * Dim + l]);
+        if (std::abs(x.covariance[k * Dim + l] - y.covariance[k * Dim + l]) > most) return false;
       }
-      if (tag == 7) one.ranges[2] = -1;  // only this tag is refused
-      all.beacons.insert(all.beacons.end(), one.beacons.begin(), one.beacons.end());
-      all.ranges.insert(all.ranges.end(), one.ranges.begin(), one.ranges.end());
-      all.sigma.insert(all.sigma.end(), one.sigma.begin(), one.sigma.end());
-      expected.push_back(one.solve());
     }
-    batch.beacons = is_shared ? shared.beacons : all.beacons;
-    batch.ranges = all.ranges;
-    batch.sigma = is_shared ? shared.sigma : all.sigma;
-    std::vector<std::atomic<int>> calls(kTags);
-    std::atomic<int> different{0};
-    EXPECT_TRUE(locate_each<2>(batch, {}, 3, [&](int tag, const PositionFix<2>& fix) {
-      const PositionFix<2>& other = expected[static_cast<std::size_t>(tag)];
-      ++calls[static_cast<std::size_t>(tag)];
-      if (fix.status != other.status || fix.count != other.count ||
-          (fix.count > 0 && fix.minima[0].x != other.minima[0].x))
-        ++different;
-    }));
-    EXPECT_EQ(different, 0);
-    EXPECT_TRUE(std::all_of(calls.begin(), calls.end(), [](const auto& n) { return n == 1; }));
-    EXPECT_EQ(expected[7].status, Status::InvalidInput);
   }
+  return true;
+}
+
+template <int Dim>
+void check_each(Kind kind, int beacons, bool has_own_beacons, bool has_own_sigma) {
+  Rng rng(static_cast<unsigned>(6 + kind));
+  constexpr int kTags = 1003;
+  const auto shared = random_problem<Dim>(rng, kind, 0.1, beacons);
+  Problem<Dim> all;
+  std::vector<PositionFix<Dim>> expected;
+  for (int tag = 0; tag < kTags; ++tag) {
+    auto one = random_problem<Dim>(rng, kind, 0.1, beacons);
+    if (!has_own_beacons) one.beacons = shared.beacons;
+    if (!has_own_sigma) one.sigma = shared.sigma;
+    if (tag == 7) one.ranges[2] = -1;  // only this tag is refused
+    if (tag % 5 == 0) one.ranges[0] = kNaN;
+    if (tag % 5 == 0 && has_own_beacons) one.beacons[0] = kNaN;
+    all.beacons.insert(all.beacons.end(), one.beacons.begin(), one.beacons.end());
+    all.ranges.insert(all.ranges.end(), one.ranges.begin(), one.ranges.end());
+    all.sigma.insert(all.sigma.end(), one.sigma.begin(), one.sigma.end());
+    expected.push_back(one.solve());
+  }
+  const RangeBatch batch{kTags, beacons, has_own_beacons ? all.beacons : shared.beacons, all.ranges,
+                         has_own_sigma ? all.sigma : shared.sigma};
+  std::vector<std::atomic<int>> calls(kTags);
+  std::atomic<int> different{0};
+  EXPECT_TRUE(locate_each<Dim>(batch, {}, 3, [&](int tag, const PositionFix<Dim>& fix) {
+    ++calls[static_cast<std::size_t>(tag)];
+    if (!is_same(fix, expected[static_cast<std::size_t>(tag)])) ++different;
+  }));
+  EXPECT_EQ(different, 0);
+  EXPECT_TRUE(std::all_of(calls.begin(), calls.end(), [](const auto& n) { return n == 1; }));
+  EXPECT_EQ(expected[7].status, Status::InvalidInput);
+}
+
+TEST(LocateEach, IsLocateOfEachTag) {
+  for (const Kind kind : {kScattered, kFlat, kAlmostFlat, kUnrelated}) {
+    for (const int beacons : {4, 5, 9}) {
+      for (const bool has_own : {false, true}) {
+        SCOPED_TRACE(::testing::Message() << kind << " " << beacons << " " << has_own);
+        check_each<2>(kind, beacons, has_own, true);
+        check_each<3>(kind, beacons, true, has_own);
+      }
+    }
+  }
+  check_each<2>(kScattered, 70, false, false);
+}
+
+TEST(LocateEach, StopsAndRefuses) {
+  Rng rng(6);
+  auto problem = random_problem<2>(rng, kScattered, 0.1, 5);
+  RangeBatch batch{1, 5, problem.beacons, problem.ranges, problem.sigma};
   std::atomic<int> calls{0};
-  const auto count = [&](int, const PositionFix<2>&) { ++calls; };
+  const auto count = [&](int, const PositionFix<2>& fix) {
+    ++calls;
+    EXPECT_EQ(fix.status, Status::InvalidInput);
+  };
   EXPECT_FALSE(locate_each<2>(batch, {}, 1, count, [] { return true; }));
   EXPECT_EQ(calls, 0);
-  batch.tags = kTags - 1;
+  LocateOptions options;
+  options.within = -1;
+  EXPECT_TRUE(locate_each<2>(batch, options, 1, count));
+  EXPECT_EQ(calls, 1);
+  batch.tags = 2;
   EXPECT_FALSE(locate_each<2>(batch, {}, 1, count)) << "the sizes do not match";
 }
 

@@ -6,6 +6,7 @@
 #include <thread>
 #include <vector>
 
+#include "position_lanes.hpp"
 #include "position_search.hpp"
 
 namespace asterism {
@@ -24,7 +25,7 @@ namespace {
 using ranges::Symmetric;
 using ranges::Vector;
 
-constexpr int kWithoutHeap = 64;
+constexpr int kWithoutHeap = 64, kLanes = lanes_v0_1::Cells::kMost;
 
 /// The ranges that were heard, with coordinates about the beacons' centroid, the last along the direction in
 /// which the beacons extend least.
@@ -37,12 +38,13 @@ class Heard {
     const int count = static_cast<int>(given.size());
     if (beacons.size() != given.size() * Dim || sigma.size() != given.size())
       return "beacons, ranges and sigma have to be for the same number of beacons";
-    if (count > kWithoutHeap) heap_.resize(static_cast<std::size_t>(count) * (Dim + 3));
+    if (count > kWithoutHeap) heap_.resize(static_cast<std::size_t>(count) * (Dim + 3 + kLanes));
     double* const memory = count > kWithoutHeap ? heap_.data() : stack_;
     beacons_ = memory;
     range_ = memory + Dim * count;
     weight_ = range_ + count;
     sigma_ = weight_ + count;
+    lanes_ = sigma_ + count;
     double largest = 0;
     for (int i = 0; i < count; ++i) {
       const double r = given[static_cast<std::size_t>(i)], s = sigma[static_cast<std::size_t>(i)];
@@ -74,7 +76,7 @@ class Heard {
     return turn(largest);
   }
 
-  ranges::Ranges ranges() const { return {count_, beacons_, range_, weight_, sigma_}; }
+  ranges::Ranges ranges() const { return {count_, beacons_, range_, weight_, sigma_, lanes_}; }
   bool is_flat() const { return is_flat_; }
 
   /// The given coordinates of a place.
@@ -213,14 +215,38 @@ class Heard {
     }
   }
 
-  double stack_[kWithoutHeap * (Dim + 3)];
+  double stack_[kWithoutHeap * (Dim + 3 + kLanes)];
   std::vector<double> heap_;
-  double *beacons_ = nullptr, *range_ = nullptr, *weight_ = nullptr, *sigma_ = nullptr;
+  double *beacons_ = nullptr, *range_ = nullptr, *weight_ = nullptr, *sigma_ = nullptr, *lanes_ = nullptr;
   int count_ = 0;
   Vector<Dim> centre_, normal_;
   double factor_ = 0, unit_ = 1;
   bool is_flat_ = false;
 };
+
+constexpr const char* mirror_message(int dim) {
+  return dim == 2
+             ? "the beacons lie on one line: each minimum beside it has a mirror image of the same energy"
+             : "the beacons lie in one plane: each minimum beside it has a mirror image of the same energy";
+}
+
+template <int Dim>
+PositionFix<Dim> proven_fix(const lanes_v0_1::LaneFix& of_lane, double within) {
+  PositionFix<Dim> fix;
+  fix.status = Status::Converged;
+  fix.proven = true;
+  fix.within = within;
+  fix.count = of_lane.count;
+  for (int i = 0; i < fix.count; ++i) {
+    PositionMinimum<Dim>& minimum = fix.minima[static_cast<std::size_t>(i)];
+    std::copy_n(of_lane.x[i], Dim, minimum.x.begin());
+    std::copy_n(of_lane.covariance[i], Dim * Dim, minimum.covariance.begin());
+    minimum.energy = of_lane.energy;
+    minimum.weight = 1.0 / fix.count;
+  }
+  if (fix.count == 2) fix.message = mirror_message(Dim);
+  return fix;
+}
 
 }  // namespace
 
@@ -271,10 +297,7 @@ PositionFix<Dim> locate(std::span<const double> beacons, std::span<const double>
   else if (fix.within < options.within)
     fix.message.append("more than ").append(fix.kMost).append(" places fit: the lowest are listed");
   else if (heard.is_flat() && fix.count > 1)
-    fix.message =
-        Dim == 2
-            ? "the beacons lie on one line: each minimum beside it has a mirror image of the same energy"
-            : "the beacons lie in one plane: each minimum beside it has a mirror image of the same energy";
+    fix.message = mirror_message(Dim);
   else if (fix.count > 1)
     fix.message.append(fix.count).append(" places fit");
   return fix;
@@ -293,21 +316,38 @@ bool locate_each(const RangeBatch& batch, const LocateOptions& options, int thre
       (!own_sigma && batch.sigma.size() != beacons))
     return false;
   constexpr std::size_t kChunk = 64;
+  // The closed forms prove most tags, many at once.
+  const bool has_lanes = options.problem() == nullptr &&
+                         options.cutoff == std::numeric_limits<double>::infinity() &&
+                         beacons <= lanes_v0_1::kMostBeacons;
   std::atomic<bool> stopped{false};
   const int workers = detail::thread_count(threads), chunks = static_cast<int>((tags + kChunk - 1) / kChunk);
   const std::thread::id caller = std::this_thread::get_id();
   detail::for_each_task(workers, chunks, [&](int, int chunk) {
     const bool asks = is_stopped && std::this_thread::get_id() == caller;
     const std::size_t first = static_cast<std::size_t>(chunk) * kChunk;
-    for (std::size_t tag = first; tag < std::min(tags, first + kChunk) && !stopped; ++tag) {
+    const auto beacons_of = [&](std::size_t tag) {
+      return batch.beacons.subspan(own_beacons ? tag * beacons * Dim : 0, beacons * Dim);
+    };
+    const auto ranges_of = [&](std::size_t tag) { return batch.ranges.subspan(tag * beacons, beacons); };
+    const auto sigma_of = [&](std::size_t tag) {
+      return batch.sigma.subspan(own_sigma ? tag * beacons : 0, beacons);
+    };
+    const std::size_t count = std::min(tags - first, kChunk);
+    lanes_v0_1::LaneFix fixes[kChunk];
+    if (has_lanes)
+      lanes_v0_1::fix({Dim, batch.beacons_per_tag, static_cast<int>(count), beacons_of(first).data(),
+                       own_beacons ? batch.beacons_per_tag * Dim : 0, ranges_of(first).data(),
+                       sigma_of(first).data(), own_sigma ? batch.beacons_per_tag : 0, options.within, fixes});
+    for (std::size_t n = 0; n < count && !stopped; ++n) {
       if (asks && is_stopped()) {
         stopped = true;
         return;
       }
-      take(static_cast<int>(tag),
-           locate<Dim>(batch.beacons.subspan(own_beacons ? tag * beacons * Dim : 0, beacons * Dim),
-                       batch.ranges.subspan(tag * beacons, beacons),
-                       batch.sigma.subspan(own_sigma ? tag * beacons : 0, beacons), options));
+      const std::size_t tag = first + n;
+      take(static_cast<int>(tag), has_lanes && fixes[n].count > 0
+                                      ? proven_fix<Dim>(fixes[n], options.within)
+                                      : locate<Dim>(beacons_of(tag), ranges_of(tag), sigma_of(tag), options));
     }
   });
   return !stopped;

@@ -5,27 +5,31 @@
 #include <cstdint>
 #include <limits>
 
+#include "position_lanes.hpp"
 #include "small_matrix.hpp"
 
 // The search for all low minima of E(x) = sum_i w_i / 2 (|x - b_i| - r_i)^2, where no term exceeds a cutoff.
 //
 // Of each range: p = x - b, d = |p|, u = p / d, v = w r / d. The Hessian of E is mu I + sum v u u^T with
-// mu = sum (w - v). Three facts carry the proofs:
+// mu = sum (w - v). Four facts carry the proofs:
 //
 // 1. Identity. At a stationary point x, for a unit e and rho = |p + s e|, where
 //    rho - d = s (2 p.e + s) / (rho + d),
 //      E(x + s e) = E(x) + mu s^2 / 2 + sum v / 2 (rho - d)^2.
 //    Hence another point at distance s is that low only if the beacons are nearly in the plane (line)
 //    halfway: sum v (2 / (rho + d))^2 (p.e + s/2)^2 is then small. As rho <= d + s, and also
-//    rho <= r + sqrt(2 E / w) because no term is above E, a quadratic form in e is smaller still. exclude()
-//    bounds it for shells of s, and the slope along e likewise.
+//    rho <= r + sqrt(2 E / w) because no term is above E, a quadratic form in e is smaller still.
+//    excluded_about() bounds it for shells of s, and the slope along e likewise.
 //    If mu >= 0, no point is lower. Where all beacons are in one plane (line), every minimum has that, see
 //    settle_flat().
 // 2. On a ball of radius h = q d < d around c the Hessian of -w r |x - b| changes by at most
-//    v 2/sqrt(3) q / (1 - q), since |D^2 u| <= 2/sqrt(3) / d^2. Bounds of energy, gradient and curvature
-//    follow.
+//    v 2/sqrt(3) q / (1 - q), since |D^2 u| <= 2/sqrt(3) / d^2. Bounds of gradient and curvature follow.
 // 3. All stationary points are in the ball around the centroid (weights w) of radius sum w r / sum w, as
 //    0 = sum w (x - b - r u).
+// 4. At z from c, with kappa = |z|^2 / 2,
+//      w (rho - r)^2 = 4 w / (rho + r)^2 (p.z + kappa + (d^2 - r^2) / 2)^2.
+//    As rho is bounded as in fact 1, a quadratic form in z and kappa is a bound of the energy that hardly
+//    depends on the size of the ball.
 namespace asterism::ranges {
 
 /// Places between which the energy rises by less are one minimum.
@@ -46,6 +50,7 @@ struct Ranges {
   const double* range;
   const double* weight;  ///< 1 / sigma^2
   const double* sigma;
+  double* lanes;  ///< room for (count, Cells::kMost) numbers
 };
 
 template <int D>
@@ -72,6 +77,13 @@ class PositionSearch {
       // Fewer than D ranges meet on circles or spheres, not in points.
       ceiling_ = (given_.count - D + 0.9) * outlier_;
     }
+    lanes_.dim = D;
+    lanes_.beacons = given_.count;
+    lanes_.places = given_.beacons;
+    lanes_.ranges = given_.range;
+    lanes_.weights = given_.lanes;
+    lanes_.extent = extent_;
+    lanes_.rounding = 1e-14 * total_ * extent_;
   }
 
   /// Finds the minima.
@@ -81,13 +93,12 @@ class PositionSearch {
     add_from(guess);
     if (is_robust()) {
       start_from_sets();
-      return branch_and_bound(constant<D>(0), constant<D>(reach_));
+      return branch_and_bound();
     }
     for (int round = 0; round < 8; ++round) {
       if (look_around_best()) return;
     }
-    shell_count_ = 0;
-    branch_and_bound(constant<D>(0), constant<D>(reach_));
+    branch_and_bound();
   }
 
   /// Sorted by energy, those that are asked for.
@@ -108,14 +119,15 @@ class PositionSearch {
 
  private:
   static constexpr int kShells = 6;
-  static constexpr int kMostUndecided = 4;
+  static constexpr int kMostUndecided = 6, kLanes = lanes_v0_1::Cells::kMost;
   static constexpr int kForm = Symmetric<D>::kSize + D + 1;  ///< numbers of a form in (e, t)
+  static constexpr double kNone = std::numeric_limits<double>::infinity();
   using Forms = double[kForm][kShells];
 
   struct Cell {
     Vector<D> centre, half;
     double bound;
-    std::uint64_t outliers = 0;  ///< of the first 64 ranges, those that are outliers in all of it
+    std::uint64_t outliers;  ///< of the first 64 ranges, those that are outliers in all of it
     bool has_outlier(int i) const { return i < 64 && (outliers >> i & 1) != 0; }
   };
   /// Of a range in a cell, with a bound on what it adds there.
@@ -123,27 +135,12 @@ class PositionSearch {
     bool is_outlier, is_undecided;
     double bound;
   };
-  /// What is not excluded at a distance between `inner` and `outer` from about_.
-  struct Shell {
-    double inner, outer;
-    Vector<D> low, high;
+
+  /// A cell that is judged, which has a lane for each set of inliers that it may have.
+  struct Judged {
+    Cell cell;
+    int first = 0, sets = 0, undecided = 0;  ///< its lanes, and the ranges that may be inliers or outliers
   };
-
-  /// Sums over ranges, from which bounds on a cell follow.
-  struct Bounds {
-    double energy = 0, total = 0, mu = 0, energy_loss = 0, most = 0, least = 0, remainder = 0;
-    bool has_beacon = false;  ///< in the cell's ball
-    Vector<D> gradient = constant<D>(0);
-    Symmetric<D> sum = Symmetric<D>::zero(), sum_of_energy = Symmetric<D>::zero();
-
-    void add(const Vector<D>& p, double d, double r, double w, double h);
-    void add(const Bounds& other);
-    double least_energy(double h, double scale) const;
-    bool exclude_minimum(const Vector<D>& half) const;
-    double contract(Cell& cell, double rounding) const;
-  };
-
-  static constexpr double kNone = std::numeric_limits<double>::infinity();
 
   bool is_robust() const { return outlier_ < kNone; }
   /// The highest energy of a minimum that is asked for, and of one that is searched for: lower where some
@@ -219,18 +216,14 @@ class PositionSearch {
   bool settle_flat(Vector<D> x);
   void start_from_sets();
   bool look_around_best();
-  double shells(const Minimum<D>& about, bool collect);
-  unsigned exclude(const Minimum<D>& about, const double (&edge)[kShells + 1], bool collect);
-  void leave(const Minimum<D>& about, const Forms& forms, int k, double inner, double outer, double target,
-             double gap, double mu, double scale);
+  double excluded_about(const Minimum<D>& about) const;
   bool is_covered(const Vector<D>& centre, const Vector<D>& half) const;
-  bool is_excluded(const Cell& cell) const;
   Role role(int i, const Cell& cell) const;
-  bool judge(Cell& cell);
-  bool settle(Cell& cell, double outliers);
-  bool settle_sets(Cell& cell, double fixed);
+  bool prepare(Judged& judged, int first);
+  double settle(Judged& judged);
+  bool has_its_minimum(const Cell& cell, int lane);
   bool is_tiny(const Cell& cell, double change);
-  void branch_and_bound(const Vector<D>& centre, const Vector<D>& half);
+  void branch_and_bound();
 
   Ranges given_;
   bool is_flat_;
@@ -243,9 +236,8 @@ class PositionSearch {
   long cells_ = 0;
   double left_out_ = kNone;  ///< the lowest energy of a minimum for which there was no room
   bool is_complete_ = true;
-  Shell shells_[kShells * kShells / 2];  // of runs of shells, each divided
-  int shell_count_ = 0;
-  Vector<D> about_;
+  lanes_v0_1::Cells lanes_ = {};
+  double of_outliers_[kLanes];  ///< what outliers add in each lane
 };
 
 /// Damped Newton to a local minimum; saddle points are left along their negative curvature.
@@ -534,38 +526,14 @@ bool is_above(const Symmetric<D>& a, const Vector<D>& m, double n, double target
   return false;
 }
 
-/// Excludes shells about a minimum by the identity. Returns the radius up to which they are. `collect`: those
-/// that are left are divided again, and what is left then goes to shells_.
+/// The radius up to which the identity excludes, in shells, other minima about one; infinite if there are
+/// none.
 template <int D>
-double PositionSearch<D>::shells(const Minimum<D>& about, bool collect) {
-  if (collect) {
-    shell_count_ = 0;
-    about_ = about.x;
-  }
+double PositionSearch<D>::excluded_about(const Minimum<D>& about) const {
   double edge[kShells + 1];
   edge[kShells] = 1.0000001 * (reach_ + norm(about.x));
   for (int k = kShells; k > 1; --k) edge[k - 1] = edge[k] / 2;
   edge[0] = 0;
-  const unsigned left = exclude(about, edge, false);
-  double radius = reach_;
-  for (int first = 0; first < kShells; ++first) {
-    if ((left >> first & 1) == 0) continue;
-    radius = std::min(radius, edge[first]);
-    if (!collect) break;
-    int last = first + 1;
-    while (last < kShells && (left >> last & 1) != 0) ++last;
-    double finer[kShells + 1];
-    for (int k = 0; k <= kShells; ++k) finer[k] = edge[first] + k * (edge[last] - edge[first]) / kShells;
-    exclude(about, finer, true);
-    first = last;
-  }
-  return radius;
-}
-
-/// Bit k is set where something between edge[k] and edge[k + 1] may be left. `collect`: that goes to shells_.
-template <int D>
-unsigned PositionSearch<D>::exclude(const Minimum<D>& about, const double (&edge)[kShells + 1],
-                                    bool collect) {
   Forms height = {}, slope = {};
   double extra[kShells] = {}, mu = 0, scale = 0;
   const double ceiling = threshold() + kBarrier;
@@ -611,54 +579,13 @@ unsigned PositionSearch<D>::exclude(const Minimum<D>& about, const double (&edge
     return is_above(a, m, forms[kForm - 1][k], target, low, high);
   };
   const double gap = threshold() - about.energy + kBarrier, rounding = 1e-9 * scale;
-  unsigned left = 0;
   for (int k = 0; k < kShells; ++k) {
     const double inner = edge[k], outer = edge[k + 1];
-    const double target =
-        inner > 0 ? 2 * gap / (inner * inner) - mu + rounding : std::numeric_limits<double>::infinity();
-    if (exceeds(slope, k, extra[k] - mu + rounding, 0.75 * inner, 0.75 * outer) ||
-        (inner > 0 && exceeds(height, k, target, 0.5 * inner, 0.5 * outer)))
-      continue;
-    left |= 1U << k;
-    if (collect) leave(about, height, k, inner, outer, target, gap, mu, scale);
+    if (exceeds(slope, k, extra[k] - mu + rounding, 0.75 * inner, 0.75 * outer)) continue;
+    const double target = 2 * gap / (inner * inner) - mu + rounding;  // infinite in the first shell
+    if (inner == 0 || !exceeds(height, k, target, 0.5 * inner, 0.5 * outer)) return inner;
   }
-  return left;
-}
-
-/// Adds a box of the points z = x - about.x of the shell with
-/// sum omega (p.z + kappa)^2 - lambda |z|^2 <= 2 gap - (mu + lambda) |z|^2, kappa = |z|^2 / 2.
-template <int D>
-void PositionSearch<D>::leave(const Minimum<D>& about, const Forms& forms, int k, double inner, double outer,
-                              double target, double gap, double mu, double scale) {
-  Shell shell{inner * 0.999999, outer * 1.000001, about.x, about.x};
-  for (int j = 0; j < D; ++j) {
-    shell.low[j] = std::max(shell.low[j] - outer, -reach_);
-    shell.high[j] = std::min(shell.high[j] + outer, reach_);
-  }
-  Symmetric<D> a;
-  Vector<D> m;
-  for (int n = 0; n < Symmetric<D>::kSize; ++n) a.at[n] = forms[n][k];
-  for (int n = 0; n < D; ++n) m[n] = forms[Symmetric<D>::kSize + n][k];
-  const double least = 0.5 * inner * inner, most = 0.5 * outer * outer;
-  for (const double lambda : {target, std::max(0.0, -mu) + 1e-9 * scale, 0.0}) {
-    const Symmetric<D> shifted = a.shifted(-lambda);
-    if (!(lambda < std::numeric_limits<double>::infinity()) || !shifted.is_definite()) continue;
-    const Symmetric<D> inverse = shifted.inverse();
-    const Vector<D> along = inverse.times(m);
-    const double rest = forms[kForm - 1][k] - dot(m, along);
-    const double room = 2 * gap - (mu + lambda) * 2 * (mu + lambda > 0 ? least : most) -
-                        rest * (rest > 0 ? least * least : most * most);
-    const double spread = 1.000001 * std::sqrt(std::max(0.0, room) + 1e-9 * scale * outer * outer);
-    for (int j = 0; j < D; ++j) {
-      const double half = spread * std::sqrt(inverse(j, j)) + 1e-9 * outer;
-      const double first = about.x[j] - least * along[j], last = about.x[j] - most * along[j];
-      shell.low[j] = std::max(shell.low[j], std::min(first, last) - half);
-      shell.high[j] = std::min(shell.high[j], std::max(first, last) + half);
-    }
-  }
-  for (int j = 0; j < D; ++j)
-    if (shell.low[j] > shell.high[j]) return;
-  shells_[shell_count_++] = shell;
+  return kNone;
 }
 
 /// Proves the best minimum, with a search where closed forms leave something. False if it found a better one.
@@ -667,36 +594,15 @@ bool PositionSearch<D>::look_around_best() {
   int at = 0;
   for (int i = 1; i < count_; ++i)
     if (minima_[i].energy < minima_[at].energy) at = i;
-  minima_[at].radius = std::max(minima_[at].radius, shells(minima_[at], true));
-  if (shell_count_ == 0) return true;
-  // The outermost place that is left: near the mirror image, if there is one.
-  const Shell& last = shells_[shell_count_ - 1];
-  Vector<D> centre, half, low = constant<D>(reach_), high = constant<D>(-reach_);
-  for (int k = 0; k < D; ++k) centre[k] = 0.5 * (last.low[k] + last.high[k]);
+  minima_[at].radius = excluded_about(minima_[at]);
+  if (minima_[at].radius == kNone) return true;
+  Vector<D> image = minima_[at].x;  // across the plane (line) to which the beacons are nearest
+  image[D - 1] = -image[D - 1];
   const double before = best_;
-  const int found = add_from(centre);
+  const int found = add_from(image);
   if (best_ < before) return false;
-  if (found >= 0 && found != at)
-    minima_[found].radius = std::max(minima_[found].radius, shells(minima_[found], false));
-  bool is_done = true;
-  for (int i = 0; i < shell_count_; ++i) {
-    for (int k = 0; k < D; ++k) {
-      centre[k] = 0.5 * (shells_[i].low[k] + shells_[i].high[k]);
-      half[k] = 0.5 * (shells_[i].high[k] - shells_[i].low[k]);
-    }
-    if (is_covered(centre, half)) continue;
-    is_done = false;
-    for (int k = 0; k < D; ++k) {
-      low[k] = std::min(low[k], shells_[i].low[k]);
-      high[k] = std::max(high[k], shells_[i].high[k]);
-    }
-  }
-  if (is_done) return true;
-  for (int k = 0; k < D; ++k) {
-    centre[k] = 0.5 * (low[k] + high[k]);
-    half[k] = 0.5 * (high[k] - low[k]);
-  }
-  branch_and_bound(centre, half);
+  if (found >= 0 && found != at) minima_[found].radius = excluded_about(minima_[found]);
+  branch_and_bound();
   return true;
 }
 
@@ -712,132 +618,6 @@ bool PositionSearch<D>::is_covered(const Vector<D>& centre, const Vector<D>& hal
     if (far <= minima_[i].radius * minima_[i].radius) return true;
   }
   return false;
-}
-
-/// Whether shells() has excluded all of a cell.
-template <int D>
-bool PositionSearch<D>::is_excluded(const Cell& cell) const {
-  if (shell_count_ == 0) return false;
-  double near = 0, far = 0;
-  for (int k = 0; k < D; ++k) {
-    const double q = std::abs(cell.centre[k] - about_[k]), n = std::max(0.0, q - cell.half[k]);
-    near += n * n;
-    far += (q + cell.half[k]) * (q + cell.half[k]);
-  }
-  for (int i = 0; i < shell_count_; ++i) {
-    const Shell& shell = shells_[i];
-    bool is_apart = near > shell.outer * shell.outer || far < shell.inner * shell.inner;
-    for (int k = 0; k < D && !is_apart; ++k)
-      is_apart =
-          cell.centre[k] + cell.half[k] < shell.low[k] || cell.centre[k] - cell.half[k] > shell.high[k];
-    if (!is_apart) return false;
-  }
-  return true;
-}
-
-/// What ranges add to the bounds on a cell of half diagonal h.
-template <int D>
-void PositionSearch<D>::Bounds::add(const Vector<D>& p, double d, double r, double w, double h) {
-  const double inverse = 1 / d, v = w * r * inverse, q = h * inverse;
-  energy += 0.5 * w * (d - r) * (d - r);
-  total += w;
-  mu += w - v;
-  double share = 1;
-  const double growth = q < 1 ? q / (1 - q) : 0;
-  if (q < 0.4) {
-    energy_loss += 0.3849002 * v * growth;  // a third of the Hessian's change
-  } else {
-    // (rho - d)^2 >= (1 - q/2) / (1 + q/2)^2 ((u.z)^2 - q/2 |z|^2) in the identity of fact 1
-    const double b = 0.5 * q;
-    share = b < 1 ? (1 - b) / ((1 + b) * (1 + b)) : 0;
-    energy_loss += v * share * b;
-  }
-  if (q < 1) {
-    const double change = 1.1547006 * growth;
-    most += v * std::max(1 - change, (1 - q) / (1 + q));
-    least += v * (1 + change);
-    remainder += v * d * std::min(0.57735027 * q * q * (1 + 0.66666667 * growth), 2 + q);
-  } else {
-    has_beacon |= r > 0;
-    remainder += v * d * (2 + q);
-  }
-  for (int k = 0; k < D; ++k) gradient[k] += (w - v) * p[k];
-  sum.add(v * inverse * inverse, p);
-  sum_of_energy.add(share * v * inverse * inverse, p);
-}
-
-template <int D>
-void PositionSearch<D>::Bounds::add(const Bounds& other) {
-  energy += other.energy;
-  total += other.total;
-  mu += other.mu;
-  energy_loss += other.energy_loss;
-  most += other.most;
-  least += other.least;
-  remainder += other.remainder;
-  has_beacon |= other.has_beacon;
-  for (int k = 0; k < D; ++k) gradient[k] += other.gradient[k];
-  for (int n = 0; n < Symmetric<D>::kSize; ++n) {
-    sum.at[n] += other.sum.at[n];
-    sum_of_energy.at[n] += other.sum_of_energy.at[n];
-  }
-}
-
-/// A lower bound of the energy: that of the model energy + gradient.z + z^T low z / 2 on |z| <= h, by a
-/// multiplier.
-template <int D>
-double PositionSearch<D>::Bounds::least_energy(double h, double scale) const {
-  const double slope = norm(gradient);
-  const Symmetric<D> low = sum_of_energy.shifted(mu - energy_loss);
-  double multiplier = slope / h;
-  if (slope > 0) multiplier = std::max(0.0, multiplier - form(low, gradient) / (slope * slope));
-  Symmetric<D> shifted = low.shifted(multiplier);
-  if (!shifted.is_definite()) {
-    multiplier = slope / h + std::max(0.0, -low.gershgorin()) + 1e-12 * scale;
-    shifted = low.shifted(multiplier);
-  }
-  return energy - 0.5 * (form(shifted.inverse(), gradient) + multiplier * h * h);
-}
-
-/// Whether curvature or gradient tells that there is no minimum in a cell.
-template <int D>
-bool PositionSearch<D>::Bounds::exclude_minimum(const Vector<D>& half) const {
-  if (sum.shifted(total - most).has_negative()) return true;
-  const Symmetric<D> hessian = sum.shifted(mu);
-  // Whether along . grad E is not 0 in the cell.
-  const auto is_sloped = [&](const Vector<D>& along) {
-    const Vector<D> turned = hessian.times(along);
-    double rest = std::abs(dot(along, gradient));
-    for (int k = 0; k < D; ++k) rest -= std::abs(turned[k]) * half[k];
-    return rest > 0 && rest * rest > remainder * remainder * dot(along, along);
-  };
-  if (is_sloped(gradient)) return true;
-  const Symmetric<D> adjugate = hessian.adjugate();
-  const Vector<D> newton = adjugate.times(gradient);
-  return is_sloped(newton) || is_sloped(adjugate.times(newton));
-}
-
-/// Shrinks a cell to where the gradient may vanish: to H^-1 (-gradient +- remainder) of the Hessian H at its
-/// centre. Returns the share of its volume that is left, 0 if that is nowhere.
-template <int D>
-double PositionSearch<D>::Bounds::contract(Cell& cell, double rounding) const {
-  const Symmetric<D> hessian = sum.shifted(mu), adjugate = hessian.adjugate();
-  const double determinant = hessian.determinant(adjugate), size = std::abs(determinant);
-  const Vector<D> newton = adjugate.times(gradient);
-  double share = 1;
-  for (int j = 0; j < D; ++j) {
-    double row = 0;
-    for (int k = 0; k < D; ++k) row += adjugate(j, k) * adjugate(j, k);
-    const double spread = (remainder + rounding) * std::sqrt(row);
-    if (!(spread < size * cell.half[j] + std::abs(newton[j]))) continue;
-    const double at = -newton[j] / determinant, by = spread / size;
-    const double low = std::max(-cell.half[j], at - by), high = std::min(cell.half[j], at + by);
-    if (low > high) return 0;
-    share *= std::max(1e-99, 0.5 * (high - low) / cell.half[j]);
-    cell.centre[j] += 0.5 * (low + high);
-    cell.half[j] = 0.5 * (high - low);
-  }
-  return share;
 }
 
 /// Whether a range is that of an outlier, or may be, in a cell.
@@ -857,32 +637,117 @@ typename PositionSearch<D>::Role PositionSearch<D>::role(int i, const Cell& cell
   return {false, near < low || far > high, 0.5 * given_.weight[i] * least * least};
 }
 
-/// Whether nothing is left to find in a cell; otherwise its `bound` of the energy is set.
+/// Gives a cell a lane for each set of inliers that it may have, from `first` on: a minimum is one of the
+/// energy of such a set, as where a term becomes that of an outlier, the energy has a ridge. Without a lane,
+/// `bound` is above the threshold, or too many ranges may be either. False if too few lanes are left.
 template <int D>
-bool PositionSearch<D>::judge(Cell& cell) {
-  ++cells_;
+bool PositionSearch<D>::prepare(Judged& judged, int first) {
+  Cell& cell = judged.cell;
   // With a cutoff, the first cell is as large to either side of flat beacons, where the energy is the same.
-  if (is_flat_ && is_robust() && cell.centre[D - 1] + cell.half[D - 1] <= 0) return true;
-  if (is_covered(cell.centre, cell.half) || is_excluded(cell)) return true;
-  double fixed = 0;  // a bound on what ranges add that are not inliers in all of the cell
-  int undecided = 0;
-  if (is_robust()) {
-    double bound = fixed = std::popcount(cell.outliers) * outlier_;
-    for (int i = 0; i < given_.count && bound <= threshold(); ++i) {
-      if (cell.has_outlier(i)) continue;
-      const Role of = role(i, cell);
-      bound += of.bound;
-      undecided += of.is_undecided;
-      if (of.is_outlier || of.is_undecided) fixed += of.bound;
-      if (of.is_outlier && i < 64) cell.outliers |= std::uint64_t{1} << i;
+  const bool is_image = is_flat_ && is_robust() && cell.centre[D - 1] + cell.half[D - 1] <= 0;
+  if (is_image || is_covered(cell.centre, cell.half)) cell.bound = kNone;
+  if (cell.bound > threshold()) return true;
+  double bound = 0, inliers = 0, outliers = 0, bound_of[kMostUndecided];
+  int undecided[kMostUndecided];
+  for (int i = 0; is_robust() && i < given_.count && bound <= threshold(); ++i) {
+    const Role of = cell.has_outlier(i) ? Role{true, false, outlier_} : role(i, cell);
+    bound += of.bound;
+    given_.lanes[kLanes * i + first] = of.is_outlier ? 0 : given_.weight[i];
+    if (of.is_outlier) {
+      outliers += outlier_;
+      if (i < 64) cell.outliers |= std::uint64_t{1} << i;
+    } else if (!of.is_undecided) {
+      inliers += of.bound;
+    } else if (judged.undecided++ < kMostUndecided) {
+      undecided[judged.undecided - 1] = i;
+      bound_of[judged.undecided - 1] = of.bound;
     }
-    cell.bound = bound;
-    if (bound > threshold()) return true;
   }
-  if (undecided == 0) return settle(cell, fixed);
-  if (undecided <= kMostUndecided && settle_sets(cell, fixed)) return true;
+  cell.bound = std::max(cell.bound, bound);
+  if (cell.bound > threshold() || judged.undecided > kMostUndecided) return true;
+  if (judged.undecided > 0 && energy(cell.centre) < best_) add_from(cell.centre);
+  judged.first = first;
+  for (int set = (1 << judged.undecided) - 1; set >= 0; --set) {
+    double constant = outliers, least = inliers;
+    for (int n = 0; n < judged.undecided; ++n)
+      ((set >> n & 1) != 0 ? least : constant) += (set >> n & 1) != 0 ? bound_of[n] : outlier_;
+    if (constant + least > threshold()) continue;
+    const int lane = first + judged.sets;
+    if (lane == kLanes) {
+      if (first > 0) return false;
+      judged.sets = 0;
+      judged.undecided = kMostUndecided + 1;
+      return true;
+    }
+    of_outliers_[lane] = constant;
+    lanes_.room[lane] = 2 * (threshold() + kBarrier - constant);
+    ++judged.sets;
+    for (int k = 0; k < D; ++k) {
+      lanes_.centre[k][lane] = cell.centre[k];
+      lanes_.half[k][lane] = cell.half[k];
+    }
+    if (lane > first)
+      for (int i = 0; i < given_.count; ++i)
+        given_.lanes[kLanes * i + lane] = given_.lanes[kLanes * i + first];
+    for (int n = 0; n < judged.undecided; ++n)
+      given_.lanes[kLanes * undecided[n] + lane] = (set >> n & 1) != 0 ? given_.weight[undecided[n]] : 0;
+  }
+  if (judged.sets == 0) cell.bound = kNone;
+  return true;
+}
+
+/// What the lanes tell of a cell, which becomes the part of it where a minimum may be. Returns that part's
+/// share of the volume, 0 if nothing is left to find.
+template <int D>
+double PositionSearch<D>::settle(Judged& judged) {
+  Cell& cell = judged.cell;
+  const double h = norm(cell.half), at_ridges = std::sqrt(2 * outlier_ * total_) * h * given_.count;
+  double lowest = kNone;
+  int lane = 0, left = 0;
+  for (int n = judged.first; n < judged.first + judged.sets; ++n) {
+    const double bound = of_outliers_[n] + lanes_.bound[n];
+    if (bound > threshold() || lanes_.share[n] == 0) continue;
+    lowest = std::min(lowest, bound);
+    lane = n;
+    ++left;
+  }
+  if (judged.sets > 0) cell.bound = std::max(cell.bound, lowest);
+  if (cell.bound > threshold()) return 0;
+  if (judged.undecided > 0) {
+    if (is_tiny(cell, at_ridges)) return 0;
+  } else if (has_its_minimum(cell, lane) || is_tiny(cell, lanes_.slope[lane] * h + 0.5 * total_ * h * h)) {
+    return 0;
+  }
+  if (left != 1) return 1;
+  for (int k = 0; k < D; ++k) {
+    cell.centre[k] = lanes_.centre[k][lane];
+    cell.half[k] = lanes_.half[k][lane];
+  }
+  return lanes_.share[lane];
+}
+
+/// Whether the energy is convex in a cell, so that it has one minimum at most, and that is known.
+template <int D>
+bool PositionSearch<D>::has_its_minimum(const Cell& cell, int lane) {
+  if ((lanes_.convex >> lane & 1) == 0) return false;
   const double h = norm(cell.half);
-  return is_tiny(cell, std::sqrt(2 * outlier_ * total_) * h * given_.count);
+  const auto is_inside = [&](const Vector<D>& x) {
+    if (!is_robust()) return distance(x, cell.centre) <= h;
+    bool is_in = true;  // in the ball around it, other ranges may be inliers
+    for (int k = 0; k < D; ++k)
+      is_in = is_in && std::abs(x[k] - cell.centre[k]) <= cell.half[k] + 1e-12 * extent_;
+    return is_in;
+  };
+  for (int i = 0; i < count_; ++i)
+    if (is_inside(minima_[i].x)) return true;
+  double square = 0;
+  for (int k = 0; k < D; ++k) square += lanes_.newton[k][lane] * lanes_.newton[k][lane];
+  if (!(square <= 2.25 * h * h)) return false;
+  Vector<D> x = cell.centre;
+  Symmetric<D> hessian;
+  const double found = descend(x, hessian);
+  add(x, found, hessian);
+  return is_inside(x);
 }
 
 /// Whether a cell is too flat, or too small, to be split further.
@@ -893,123 +758,60 @@ bool PositionSearch<D>::is_tiny(const Cell& cell, double change) {
   return true;
 }
 
-/// judge() where each range is an inlier in all of the cell, or an outlier; `outliers`: what these add.
+/// Searches the ball of fact 3, with as many cells at a time as there are lanes.
 template <int D>
-bool PositionSearch<D>::settle(Cell& cell, double outliers) {
-  for (int round = 0;; ++round) {
-    const Vector<D>& c = cell.centre;
-    const double h = norm(cell.half);
-    Bounds bounds;
-    for (int i = 0; i < given_.count; ++i) {
-      if (is_robust() && (cell.has_outlier(i) || role(i, cell).is_outlier)) continue;
-      const Vector<D> p = from_beacon(c, i);
-      bounds.add(p, length(p), given_.range[i], given_.weight[i], h);
-    }
-    if (outliers + bounds.energy > threshold()) {  // a bound is not above the energy at the centre
-      cell.bound = outliers + bounds.least_energy(h, total_);
-      if (cell.bound > threshold()) return true;
-    }
-    if (bounds.exclude_minimum(cell.half)) return true;
-    if (!bounds.has_beacon && bounds.sum.shifted(bounds.total - bounds.least).is_definite()) {
-      // Convex: at most one minimum.
-      const auto is_inside = [&](const Vector<D>& x) {
-        if (!is_robust()) return distance(x, c) <= h;
-        bool is_in = true;  // in the ball around it, other ranges may be inliers
-        for (int k = 0; k < D; ++k) is_in = is_in && std::abs(x[k] - c[k]) <= cell.half[k] + 1e-12 * extent_;
-        return is_in;
-      };
-      for (int i = 0; i < count_; ++i)
-        if (is_inside(minima_[i].x)) return true;
-      const Vector<D> newton = bounds.sum.shifted(bounds.mu).inverse().times(bounds.gradient);
-      if (dot(newton, newton) <= 2.25 * h * h) {
-        Vector<D> x = c;
-        Symmetric<D> hessian;
-        const double found = descend(x, hessian);
-        add(x, found, hessian);
-        if (is_inside(x)) return true;
+void PositionSearch<D>::branch_and_bound() {
+  constexpr int kRoom = 1024;  // for up to kLanes of each of D halvings of the sides to 1e-12 of the first
+  Cell stack[kRoom];
+  int count = 0;
+  const auto push = [&](const Cell& cell, int halvings) {
+    const int first = count;
+    stack[count++] = cell;
+    for (; halvings > 0; --halvings) {
+      for (int n = first, last = count; n < last; ++n) {
+        int axis = 0;
+        for (int k = 1; k < D; ++k)
+          if (stack[n].half[k] > stack[n].half[axis]) axis = k;
+        stack[n].half[axis] *= 0.5;
+        stack[count] = stack[n];
+        stack[count++].centre[axis] += stack[n].half[axis];
+        stack[n].centre[axis] -= stack[n].half[axis];
       }
     }
-    if (is_tiny(cell, norm(bounds.gradient) * h + 0.5 * total_ * h * h)) return true;
-    const double share = bounds.contract(cell, 1e-14 * total_ * extent_);
-    if (share == 0) return true;
-    if (round == 3 || share > 0.4) return false;
-    ++cells_;
-  }
-}
-
-/// judge() where a few ranges may be inliers or outliers: a minimum is one of the energy of a set of inliers,
-/// as where a term becomes that of an outlier, the energy has a ridge. `fixed`: a bound on what all but the
-/// ranges add that are inliers in all of the cell.
-template <int D>
-bool PositionSearch<D>::settle_sets(Cell& cell, double fixed) {
-  const Vector<D>& c = cell.centre;
-  const double h = norm(cell.half);
-  if (energy(c) < best_) add_from(c);
-  Bounds bounds, undecided[kMostUndecided];
-  double bound_of[kMostUndecided], outliers = 0, inliers = 0;
-  int count = 0;
-  for (int i = 0; i < given_.count; ++i) {
-    const Role of = cell.has_outlier(i) ? Role{true, false, outlier_} : role(i, cell);
-    if (of.is_outlier) {
-      outliers += outlier_;
-      continue;
-    }
-    const Vector<D> p = from_beacon(c, i);
-    (of.is_undecided ? undecided[count] : bounds).add(p, length(p), given_.range[i], given_.weight[i], h);
-    if (of.is_undecided)
-      bound_of[count++] = of.bound;
-    else
-      inliers += of.bound;
-  }
-  cell.bound = fixed + bounds.least_energy(h, total_);
-  if (cell.bound > threshold()) return true;
-  Bounds left;  // of the last set that is left
-  int left_count = 0;
-  for (int set = 0; set < 1 << count; ++set) {
-    double constant = outliers, least = inliers;
-    for (int n = 0; n < count; ++n)
-      ((set >> n & 1) != 0 ? least : constant) += (set >> n & 1) != 0 ? bound_of[n] : outlier_;
-    if (constant + least > threshold()) continue;
-    Bounds of_set = bounds;
-    for (int n = 0; n < count; ++n)
-      if ((set >> n & 1) != 0) of_set.add(undecided[n]);
-    if (constant + of_set.least_energy(h, total_) > threshold() || of_set.exclude_minimum(cell.half))
-      continue;
-    if (left_count++ > 0) return false;
-    left = of_set;
-  }
-  if (left_count == 0) return true;
-  const double share = left.contract(cell, 1e-14 * total_ * extent_);
-  return share == 0 || (share < 0.4 && judge(cell));
-}
-
-template <int D>
-void PositionSearch<D>::branch_and_bound(const Vector<D>& centre, const Vector<D>& half) {
-  constexpr int kDeepest = 256;  // halvings of D sides to 1e-12 of the first
-  Cell stack[kDeepest];
-  stack[0] = {centre, half, 0};
-  int count = judge(stack[0]) ? 0 : 1;
+  };
+  for (int i = 0; i < given_.count; ++i)
+    for (int lane = 0; lane < kLanes; ++lane) given_.lanes[kLanes * i + lane] = given_.weight[i];
+  push({constant<D>(0), constant<D>(reach_), 0, 0}, 3);
   while (count > 0) {
-    const Cell cell = stack[--count];
-    if (cell.bound > threshold()) continue;
-    if (cells_ >= max_cells_ || count + 2 > kDeepest) {
+    if (cells_ >= max_cells_ || count + kLanes * 2 > kRoom) {
       is_complete_ = false;
       return;
     }
-    int axis = 0;
-    for (int k = 1; k < D; ++k)
-      if (cell.half[k] > cell.half[axis]) axis = k;
-    Cell children[2] = {cell, cell};
-    bool is_left[2];
-    for (int side = 0; side < 2; ++side) {
-      Cell& child = children[side];
-      child.half[axis] *= 0.5;
-      child.centre[axis] += side == 0 ? -child.half[axis] : child.half[axis];
-      is_left[side] = !judge(child);
+    Judged judged[kLanes];
+    int taken = 0, lanes = 0;
+    while (count > 0 && taken < kLanes && lanes < kLanes) {
+      judged[taken] = {stack[count - 1]};
+      if (!prepare(judged[taken], lanes)) break;
+      --count;
+      ++cells_;
+      if (judged[taken].cell.bound <= threshold()) lanes += judged[taken++].sets;
     }
-    const int lower = children[0].bound <= children[1].bound ? 0 : 1;  // is searched first
-    for (const int side : {1 - lower, lower})
-      if (is_left[side]) stack[count++] = children[side];
+    if (lanes > 0) lanes_v0_1::judge(lanes_);
+    struct {
+      int of, halvings;
+    } left[kLanes];
+    int count_left = 0;
+    for (int n = 0; n < taken; ++n) {
+      const double share = settle(judged[n]);
+      if (share == 0) continue;
+      int at = count_left++;  // the lowest one is searched first
+      for (; at > 0 && judged[left[at - 1].of].cell.bound < judged[n].cell.bound; --at)
+        left[at] = left[at - 1];
+      left[at] = {n, share > 0.4 ? 1 : 0};
+    }
+    const int more = count_left == 1 ? 2 : count_left == 2 ? 1 : 0;  // to fill the lanes
+    for (int n = 0; n < count_left; ++n)
+      push(judged[left[n].of].cell, left[n].halvings > 0 ? left[n].halvings + more : 0);
   }
 }
 

@@ -105,30 +105,6 @@ struct Symmetric {
     if constexpr (D == 3) return determinant() > 0;
     return true;
   }
-  /// Whether an eigenvalue is negative, beyond rounding.
-  bool has_negative() const {
-    double size = 0;
-    for (int i = 0; i < D; ++i) {
-      if ((*this)(i, i) < 0) return true;
-      size += (*this)(i, i);
-    }
-    for (int i = 1; i < D; ++i)
-      for (int j = 0; j < i; ++j)
-        if ((*this)(i, i) * (*this)(j, j) - (*this)(i, j) * (*this)(i, j) < -1e-14 * size * size) return true;
-    if constexpr (D == 3) return determinant() < -1e-14 * size * size * size;
-    return false;
-  }
-  /// A lower bound of the eigenvalues (Gershgorin).
-  double gershgorin() const {
-    double bound = 0;
-    for (int i = 0; i < D; ++i) {
-      double row = (*this)(i, i);
-      for (int j = 0; j < D; ++j)
-        if (j != i) row -= std::abs((*this)(i, j));
-      bound = i == 0 ? row : std::min(bound, row);
-    }
-    return bound;
-  }
   /// A lower bound of the eigenvalues of a definite matrix, which is exact in the plane.
   double least_of_definite() const {
     const double sum = trace();
