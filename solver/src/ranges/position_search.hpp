@@ -93,10 +93,9 @@ class PositionSearch {
     add_from(guess);
     if (is_robust()) {
       start_from_sets();
-      return branch_and_bound();
-    }
-    for (int round = 0; round < 8; ++round) {
-      if (look_around_best()) return;
+    } else {
+      minima_[0].radius = excluded_about(minima_[0]);
+      if (minima_[0].radius == kNone) return;
     }
     branch_and_bound();
   }
@@ -215,7 +214,6 @@ class PositionSearch {
   Vector<D> from_squares() const;
   bool settle_flat(Vector<D> x);
   void start_from_sets();
-  bool look_around_best();
   double excluded_about(const Minimum<D>& about) const;
   bool is_covered(const Vector<D>& centre, const Vector<D>& half) const;
   Role role(int i, const Cell& cell) const;
@@ -586,24 +584,6 @@ double PositionSearch<D>::excluded_about(const Minimum<D>& about) const {
     if (inner == 0 || !exceeds(height, k, target, 0.5 * inner, 0.5 * outer)) return inner;
   }
   return kNone;
-}
-
-/// Proves the best minimum, with a search where closed forms leave something. False if it found a better one.
-template <int D>
-bool PositionSearch<D>::look_around_best() {
-  int at = 0;
-  for (int i = 1; i < count_; ++i)
-    if (minima_[i].energy < minima_[at].energy) at = i;
-  minima_[at].radius = excluded_about(minima_[at]);
-  if (minima_[at].radius == kNone) return true;
-  Vector<D> image = minima_[at].x;  // across the plane (line) to which the beacons are nearest
-  image[D - 1] = -image[D - 1];
-  const double before = best_;
-  const int found = add_from(image);
-  if (best_ < before) return false;
-  if (found >= 0 && found != at) minima_[found].radius = excluded_about(minima_[found]);
-  branch_and_bound();
-  return true;
 }
 
 /// Whether a box is in a ball of a known minimum.
