@@ -330,7 +330,11 @@ bool run(FourNodes& at) {
   Value here;
   at.evaluations = 1;
   if (!evaluate(system, x, at.clamps, here, columns)) return false;
+  const double first = here.energy;
   iterate(at, system, x, here, columns);
+  // Elsewhere energies are rounded otherwise, by more than is gained here.
+  constexpr double kClear = 1e-9;
+  if (!(here.energy < (1 - kClear) * first)) return false;
   L::store(at.x, x);
   L::store(at.gradient, here.gradient);
   at.energy = here.energy;

@@ -65,6 +65,8 @@ TYPED_TEST(FourNodes, TakeTheStepsOfNewton) {
       if (i % 5 == 1) system.anchor_stiffness[static_cast<int>(i % 4)] = 0;
       if (i % 5 == 2) options.tolerance = 1e-3;
       expect_same(system, start, options);
+      start = solve(system, start, options, false).x;  // where nothing, or rounding, is left to gain
+      expect_same(system, start, options);
     }
   }
 }

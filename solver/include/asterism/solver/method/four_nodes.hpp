@@ -32,7 +32,7 @@ struct FourNodes {
 
 /// Takes Newton's steps from x, with the decisions of Newton::iterate, until it has converged or reached
 /// max_iterations, or needs what only Newton does: saddles, and steps that do not lower the energy. False,
-/// with nothing changed, if there is no kernel for this processor or these values.
+/// with x as it was, if there is no kernel for this processor or these values, or the energy hardly fell.
 ASTERISM_API bool iterate_four_nodes(FourNodes& at);
 
 }  // namespace asterism::lanes_v0_1

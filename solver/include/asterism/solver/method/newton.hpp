@@ -331,7 +331,7 @@ Status Newton<System>::iterate(const System& system, Points& x, Summary& summary
     if (!is_assembled || (stationary && clamps_)) {
       clamps_ = clamps_ && !stationary;
       is_assembled = true;
-      assemble(system, x, gradient_, summary);
+      energy_ = assemble(system, x, gradient_, summary);  // rounded as later ones
     }
     ++summary.factorizations;
     const bool definite = matrix_.factorize();
