@@ -336,8 +336,6 @@ bool run(FourNodes& at) {
   constexpr double kClear = 1e-9;
   if (!(here.energy < (1 - kClear) * first)) return false;
   L::store(at.x, x);
-  L::store(at.gradient, here.gradient);
-  at.energy = here.energy;
   return true;
 }
 

@@ -189,7 +189,7 @@ class EverySolver : public ::testing::Test {
     stop = false;
     stopped = start;
     EXPECT_EQ(solver.solve(system, stopped).status, unasked.status);
-    EXPECT_EQ(stopped, x);
+    expect_same(stopped, x);
     stop = true;  // a stationary start still counts as converged
     if (unasked.status == Status::Converged) {
       EXPECT_EQ(solver.solve(system, stopped).status, Status::Converged);
@@ -223,11 +223,20 @@ class EverySolver : public ::testing::Test {
     EXPECT_EQ(last, summary.iterations);
     EXPECT_NEAR(last_energy, summary.final_energy, energy_tolerance() * (1 + summary.final_energy));
     EXPECT_LT((last_x - x).norm(), point_tolerance() * x.norm());
-    // Observing changes nothing.
+    // Observing changes nothing but roundings.
     Points alone = start;
     solver.options().on_iteration = {};
     EXPECT_EQ(solver.solve(system, alone).iterations, summary.iterations);
-    EXPECT_EQ(alone, x);
+    expect_same(alone, x);
+  }
+
+  // Newton takes four nodes in vectors, whose rounding is another, only where no one watches.
+  void expect_same(const Points& a, const Points& b) {
+    if constexpr (detail::kHasFourNodes<System>) {
+      EXPECT_LE((a - b).norm(), 1e-12 * b.norm());
+    } else {
+      EXPECT_EQ(a, b);
+    }
   }
 
   void EndsWhereTheCallbackSaysSo() {

@@ -19,9 +19,7 @@ struct FourNodes {
   int max_iterations;
   bool realigns;  ///< after every step
 
-  double* x;         ///< the start, then the last iterate
-  double* gradient;  ///< written, at x, as `energy`
-  double energy = 0;
+  double* x;           ///< the start, then the last iterate
   bool clamps = true;  ///< the next matrix at x is the clamped one
   bool converged = false;
   bool definite = false;  ///< the Hessian at x or one such last step before it, if converged

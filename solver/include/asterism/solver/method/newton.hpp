@@ -103,7 +103,6 @@ class Newton {
       if (system.nodes() != 4 || session_.watches() || system.fixed_count() != 0 ||
           !system.topology().is_full() || system.has_offsets() || system.has_loads())
         return false;
-      gradient_.resize(System::kDim, 4);
       lanes_v0_1::FourNodes at{system.anchors.data(),
                                system.anchor_stiffness.data(),
                                system.link_stiffness.data(),
@@ -113,12 +112,13 @@ class Newton {
                                session_.tolerance(),
                                options.max_iterations,
                                realign_,
-                               x.data(),
-                               gradient_.data()};
+                               x.data()};
       if (!lanes_v0_1::iterate_four_nodes(at)) return false;
-      energy_ = at.energy;
+      session_.evaluate(system, x);  // rounded as all other energies
+      energy_ = session_.energy();
+      gradient_ = session_.gradient();
       clamps_ = at.clamps;
-      converged = at.converged;
+      converged = at.converged && session_.stationary(gradient_);
       if (converged) summary.positive_definite = at.definite;
       summary.iterations = at.iterations;
       summary.energy_evaluations = summary.gradient_evaluations = at.evaluations;
@@ -314,10 +314,7 @@ Status Newton<System>::iterate(const System& system, Points& x, Summary& summary
   clamps_ = true;
   bool converged = false;
   bool is_assembled = !iterate_compiled(system, x, summary, converged);
-  if (converged) {
-    session_.adopt(x, energy_, gradient_);
-    return Status::Converged;
-  }
+  if (converged) return Status::Converged;
   if (is_assembled) energy_ = assemble(system, x, gradient_, summary);
   while (true) {
     session_.report(x, gradient_, summary.iterations);
@@ -331,7 +328,7 @@ Status Newton<System>::iterate(const System& system, Points& x, Summary& summary
     if (!is_assembled || (stationary && clamps_)) {
       clamps_ = clamps_ && !stationary;
       is_assembled = true;
-      energy_ = assemble(system, x, gradient_, summary);  // rounded as later ones
+      energy_ = assemble(system, x, gradient_, summary);
     }
     ++summary.factorizations;
     const bool definite = matrix_.factorize();
