@@ -9,23 +9,23 @@ namespace asterism::lanes_v0_1 {
 /// Four nodes in the plane with plain anchors, each pair linked by a spring, and Newton's iterate. Arrays are
 /// those of SpringSystem: x and y of a node are side by side; links are those of Topology::full.
 struct FourNodes {
-  const double* anchors;
-  const double* anchor_stiffness;
-  const double* link_stiffness;
-  const double* rest_length;
-  const double* node_stiffness;  ///< A_ii
-  double length;                 ///< the characteristic one
-  double tolerance;              ///< of the stopping rule
-  int max_iterations;
-  bool realigns;  ///< after every step
+  const double* anchors;           ///< of each node
+  const double* anchor_stiffness;  ///< of each node
+  const double* link_stiffness;    ///< of each link
+  const double* rest_length;       ///< of each link
+  const double* node_stiffness;    ///< A_ii
+  double length;                   ///< the characteristic one
+  double tolerance;                ///< of the stopping rule
+  int max_iterations;              ///< at most
+  bool realigns;                   ///< after every step
 
-  double* x;           ///< the start, then the last iterate
-  bool clamps = true;  ///< the next matrix at x is the clamped one
-  bool converged = false;
-  bool definite = false;  ///< the Hessian at x or one such last step before it, if converged
-  int iterations = 0;
-  int evaluations = 0;
-  int factorizations = 0;
+  double* x;               ///< the start, then the last iterate
+  bool clamps = true;      ///< the next matrix at x is the clamped one
+  bool converged = false;  ///< by the stopping rule
+  bool definite = false;   ///< the Hessian at x or one such last step before it, if converged
+  int iterations = 0;      ///< taken
+  int evaluations = 0;     ///< of energy and gradient
+  int factorizations = 0;  ///< of Hessians
 };
 
 /// Takes Newton's steps from x, with the decisions of Newton::iterate, until it has converged or reached
