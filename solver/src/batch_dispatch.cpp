@@ -1,5 +1,7 @@
 #include <asterism/solver/batch/batch_kernels.hpp>
 
+#include "widest.hpp"
+
 namespace asterism::lanes_v0_1 {
 
 extern const KernelSet kPortableKernels;
@@ -14,12 +16,10 @@ const KernelSet* kernels(Isa isa) {
       return &kPortableKernels;
 #ifdef ASTERISM_LANES_X86
     case kAvx2:
-      if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return &kAvx2Kernels;
+      if (has_avx2()) return &kAvx2Kernels;
       break;
     case kAvx512:
-      if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
-          __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("fma"))
-        return &kAvx512Kernels;
+      if (has_avx512()) return &kAvx512Kernels;
       break;
 #endif
     default:

@@ -1,4 +1,5 @@
 #include "compiled.hpp"
+#include "widest.hpp"
 
 namespace asterism::lanes_v0_1 {
 
@@ -8,9 +9,7 @@ bool iterate_four_nodes_avx512(FourNodes& at);
 
 bool iterate_four_nodes([[maybe_unused]] FourNodes& at) {
 #ifdef ASTERISM_LANES_X86
-  static const bool serves = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
-                             __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("fma");
-  if (serves) return iterate_four_nodes_avx512(at);
+  if (has_avx512()) return iterate_four_nodes_avx512(at);
 #endif
   return false;
 }

@@ -323,7 +323,10 @@ ASTERISM_INLINE void iterate(FourNodes& at, const System& s, V& x, Value& here, 
   }
 }
 
-bool run(FourNodes& at) {
+}  // namespace
+
+bool iterate_four_nodes_avx512(FourNodes& at);
+bool iterate_four_nodes_avx512(FourNodes& at) {
   const System system = load(at);
   if (!(at.length > 0) || (L::bits(L::less(L::set(0), system.link_stiffness)) & 0x3FU) != 0x3FU) return false;
   V x = L::load(at.x), columns[8];
@@ -332,16 +335,11 @@ bool run(FourNodes& at) {
   if (!evaluate(system, x, at.clamps, here, columns)) return false;
   const double first = here.energy;
   iterate(at, system, x, here, columns);
-  // Elsewhere energies are rounded otherwise, by more than is gained here.
+  // The portable code rounds energies in another way: where so little is gained, it has to decide.
   constexpr double kClear = 1e-9;
   if (!(here.energy < (1 - kClear) * first)) return false;
   L::store(at.x, x);
   return true;
 }
-
-}  // namespace
-
-bool iterate_four_nodes_avx512(FourNodes& at);
-bool iterate_four_nodes_avx512(FourNodes& at) { return run(at); }
 
 }  // namespace asterism::lanes_v0_1

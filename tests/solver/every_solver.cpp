@@ -189,7 +189,7 @@ class EverySolver : public ::testing::Test {
     stop = false;
     stopped = start;
     EXPECT_EQ(solver.solve(system, stopped).status, unasked.status);
-    expect_same(stopped, x);
+    expect_same(unasked, stopped, x);
     stop = true;  // a stationary start still counts as converged
     if (unasked.status == Status::Converged) {
       EXPECT_EQ(solver.solve(system, stopped).status, Status::Converged);
@@ -227,12 +227,12 @@ class EverySolver : public ::testing::Test {
     Points alone = start;
     solver.options().on_iteration = {};
     EXPECT_EQ(solver.solve(system, alone).iterations, summary.iterations);
-    expect_same(alone, x);
+    expect_same(summary, alone, x);
   }
 
   // Newton takes four nodes in vectors, whose rounding is another, only where no one watches.
-  void expect_same(const Points& a, const Points& b) {
-    if constexpr (detail::kHasFourNodes<System>) {
+  static void expect_same(const Summary& by, const Points& a, const Points& b) {
+    if (detail::kHasFourNodes<System> && b.cols() == 4 && by.solver == Newton<System>::name()) {
       EXPECT_LE((a - b).norm(), 1e-12 * b.norm());
     } else {
       EXPECT_EQ(a, b);
