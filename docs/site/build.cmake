@@ -42,17 +42,17 @@ foreach(page IN LISTS references) # Doxygen links to a list of nested classes ev
   endif()
 endforeach()
 
-# Sphinx reads one folder: docs/, and pages beside it. It starts from scratch, as it does not notice changes
+# Sphinx reads one folder: docs/, and the pages of the project's root, whose README is the first page. It starts from scratch, as it does not notice changes
 # of the reference.
 set(pages ${BINARY_DIR}/pages)
 file(REMOVE_RECURSE ${pages})
 file(COPY ${docs}/ DESTINATION ${pages} PATTERN site EXCLUDE)
 file(COPY ${PROJECT_SOURCE_DIR}/CHANGELOG.md ${PROJECT_SOURCE_DIR}/CONTRIBUTING.md DESTINATION ${pages})
+file(COPY_FILE ${PROJECT_SOURCE_DIR}/README.md ${pages}/index.md)
 execute_process(
   COMMAND ${sphinx-build} -q -E -a -W --keep-going -d ${BINARY_DIR}/doctrees -c ${docs}/site
           -D reference_tags=${BINARY_DIR}/doxygen/tags.xml -D "html_title=Asterism ${PROJECT_VERSION}" ${pages} ${site}
   COMMAND_ERROR_IS_FATAL ANY)
-file(COPY_FILE ${site}/README.html ${site}/index.html)
 execute_process(COMMAND ${CMAKE_COMMAND} -DPROJECT_SOURCE_DIR=${PROJECT_SOURCE_DIR} -DFOLDER=${BINARY_DIR}/playground
                         -DWITH_SOLVER=${WITH_SOLVER}
                         -P ${docs}/playground/build.cmake COMMAND_ERROR_IS_FATAL ANY)

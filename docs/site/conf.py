@@ -12,9 +12,9 @@ from sphinx.domains import Domain, ObjType
 
 project = 'Asterism'
 extensions = ['myst_parser', 'sphinx.ext.mathjax']
-root_doc = 'README'
+root_doc = 'index'  # the project's README.md
 source_suffix = {'.md': 'markdown'}
-ROOT_PAGES = ['CHANGELOG', 'CONTRIBUTING']  # of the project's root, see build.cmake
+ROOT_PAGES = {'README': 'index', 'CHANGELOG': 'CHANGELOG', 'CONTRIBUTING': 'CONTRIBUTING'}  # of the project's root, see build.cmake
 nitpicky = True
 
 myst_enable_extensions = ['dollarmath']
@@ -40,8 +40,8 @@ html_sidebars = {'**': ['sidebar/brand.html', 'sidebar/search.html', 'sidebar/sc
 
 
 def contents(text):
-    """The site's table of contents: the links of README.md's tables, a part for each heading above one."""
-    trees = []
+    """The site's table of contents: the links of the tables of docs/README.md, a part for each heading above one."""
+    trees = ['```{toctree}\n:hidden:\n\nAll pages <README>\n```']
     for section in re.split(r'^## ', text, flags=re.MULTILINE)[1:]:
         pages = re.findall(r'^\| \[([^\]]+)\]\(([\w/-]+)\.md\)', section, re.MULTILINE)
         if pages:
@@ -58,18 +58,24 @@ def header_pages(tags):
             for file in files if file.get('kind') == 'file'}
 
 
+def link_root_pages(page, text):
+    """The text of a page of docs/, with its links to pages of the project's root as they are in the site."""
+    up = '../' * page.count('/')
+    return re.sub(rf'\]\(\.\./{up}({"|".join(ROOT_PAGES)})\.md', lambda link: f']({up}{ROOT_PAGES[link[1]]}.md', text)
+
+
 def read_source(app, page, source):
     """build.cmake puts the pages of the project's root beside those of docs/. Links to headers lead to the reference."""
-    if page in ROOT_PAGES:
+    if page in ROOT_PAGES.values():
         source[0] = source[0].replace('](docs/', '](')
     else:
-        source[0] = re.sub(rf'\]\(\.\./({"|".join(ROOT_PAGES)})\.md', r'](\1.md', source[0])
+        source[0] = link_root_pages(page, source[0])
     if (header := re.compile(r'\[`([^`\]]+)`\]\((?:\.\./)+\w+/include/([^)]+\.hpp)\)')).search(source[0]):
         pages, up = header_pages(app.config.reference_tags), '../' * page.count('/')
         source[0] = header.sub(lambda link: f'<a href="{up}reference/{pages[link[2]]}.html"><code>{link[1]}</code></a>'
                                if link[2] in pages else link[0], source[0])
     if page == root_doc:
-        source[0] += contents(source[0])
+        source[0] += contents(link_root_pages('README', pathlib.Path(app.srcdir, 'README.md').read_text(encoding='utf-8')))
 
 
 MAX_UNBROKEN, MIN_TEXT = 28, 60  # characters: a figure with its interval, a sentence

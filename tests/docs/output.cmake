@@ -1,6 +1,5 @@
 # PROGRAM, built from the file EXAMPLE, docs/examples/NAME.cpp, must succeed and print the output that a page
-# of the project ROOT shows: the ```text block right after the block of the file, if there is one. README's first
-# screen, which docs/README.md repeats, is one page.
+# of the project ROOT shows: the ```text block right after the block of the file, if there is one.
 cmake_minimum_required(VERSION 3.25)
 set(expected "")
 set(pages "")
@@ -22,9 +21,6 @@ foreach(file IN LISTS files)
     string(SUBSTRING "${text}" 0 ${end} expected)
   endif()
 endforeach()
-if("${ROOT}/README.md" IN_LIST pages)
-  list(REMOVE_ITEM pages ${ROOT}/docs/README.md)
-endif()
 list(LENGTH pages count)
 if(NOT count EQUAL 1)
   message(FATAL_ERROR "${count} pages show ${EXAMPLE}: ${pages}")

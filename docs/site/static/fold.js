@@ -1,12 +1,24 @@
-// On a phone long tables are folded, and the entries of a reference: what follows them would be thousands of pixels away. A
-// link into one opens it.
+// The list of pages shows its groups, and the pages of the group that the reader is in; the first group on other pages. On a phone
+// long tables, the entries of a reference and the sections of long pages are folded: what follows them would be thousands of pixels
+// away. A link into one opens it.
 document.addEventListener("DOMContentLoaded", () => {
-  const mostRows = 8, mostEntries = 40;
+  const groups = [...document.querySelectorAll(".sidebar-tree > p.caption")];
+  const current = groups.find((caption) => caption.nextElementSibling.querySelector(".current"));
+  for (const caption of groups) {
+    const group = document.createElement("details"), name = document.createElement("summary");
+    group.open = caption === (current || groups[0]);
+    name.className = caption.className;
+    name.append(...caption.childNodes);
+    caption.before(group);
+    group.append(name, caption.nextElementSibling);
+    caption.remove();
+  }
+  const mostRows = 8, mostEntries = 40, mostHeight = 9000;  // pixels, without pictures, which come later
   const fold = (text, ...content) => {
     const details = document.createElement("details"), summary = document.createElement("summary");
     details.className = "fold";
-    summary.textContent = text;
     content[0].before(details);
+    summary.append(text);
     details.append(summary, ...content);
   };
   if (!matchMedia("(max-width: 40em)").matches) return;
@@ -23,11 +35,18 @@ document.addEventListener("DOMContentLoaded", () => {
       const about = entry.querySelector(":scope > p");
       if (first) fold(about ? about.textContent.split(/[.:;]\s/)[0] : "Signature", first, ...rest);
     }
+  if (document.documentElement.scrollHeight > mostHeight)
+    for (const section of document.querySelectorAll("article > section > section, article > div > section > section")) {
+      const [head, first, ...rest] = [...section.children].filter((child) => child.tagName !== "SPAN");
+      if (first) fold(head, first, ...rest);
+    }
   const open = () => {
     const target = location.hash && document.getElementById(decodeURIComponent(location.hash.slice(1)));
-    const folds = target ? [target.closest("details.fold"), target.querySelector(":scope > details.fold")].filter(Boolean) : [];
-    for (const each of folds) each.open = true;
-    if (folds.length) target.scrollIntoView();
+    if (!target) return;
+    let folded = target.querySelector(":scope > details.fold") || target.closest("details.fold");
+    if (!folded) return;
+    for (; folded; folded = folded.parentElement.closest("details.fold")) folded.open = true;
+    target.scrollIntoView();
   };
   addEventListener("hashchange", open);
   open();
