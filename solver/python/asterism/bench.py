@@ -64,7 +64,7 @@ class Row:
     converged: int  #: of these, how many results meet the tolerance of the library's stopping rule
     lowest: int  #: how many are within the gap of the lowest energy known
     proven: int  #: for how many systems that energy is proven to be the least, to within the gap
-    failed: int  #: how many results are no placement: an exception, another shape, or numbers that are not finite
+    failed: int  #: how many results are not a placement: an exception, another shape, or numbers that are not finite
     evaluations: float  #: of energy, gradient or Hessian, mean
     seconds: float  #: wall-clock time of a solve, median [s]
 

@@ -137,7 +137,7 @@ def layout(
 
     graph: a list of edges, (a, b) or (a, b, length), between nodes of any names that can be keys of a dict; if all are integers, the
         nodes are 0 .. N - 1, with a warning for those that have no edge. Or an adjacency matrix (N, N), of NumPy or scipy.sparse,
-        whose entries other than 0 are the lengths of edges (a masked one is no edge). Or a graph of networkx.
+        whose entries other than 0 are the lengths of edges (a masked one is not an edge). Or a graph of networkx.
     length: the attribute that is the length of an edge of networkx; edges without it, and all edges for None, have the length 1.
         There is a warning if the edges have a "weight" instead, which may be a length or a strength.
     method: None: "sgd" over 1000 nodes, otherwise "multi-start". "sgd" is stochastic gradient descent (Zheng, Pawar and Goodman

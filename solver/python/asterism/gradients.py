@@ -16,7 +16,7 @@ class SensitivityStatus(enum.IntEnum):
 
     COMPUTED = 0  #: the only one with derivatives
     NOT_STATIONARY = 1  #: x is not a stationary point to the option `stationarity`
-    NOT_POSITIVE_DEFINITE = 2  #: x is no strict local minimum
+    NOT_POSITIVE_DEFINITE = 2  #: x is not a strict local minimum
     COINCIDENT_NODES = 3  #: linked nodes coincide and push each other apart
     NUMERICAL_FAILURE = 4  #: a number leaves the range of float64
     INVALID_INPUT = 5  #: a value that a solver would refuse, or a grad_x that is not finite
@@ -57,7 +57,7 @@ def sensitivity(system, x, grad_x, *, stationarity=1e-6):
 
     A SpringBatch has a method of this name for all of its solutions.
 
-    numpy.linalg.LinAlgError if there are no derivatives, with the reason: x is not stationary to `stationarity`, it is no strict
+    numpy.linalg.LinAlgError if there are no derivatives, with the reason: x is not stationary to `stationarity`, it is not a strict
     local minimum, or linked nodes coincide and push each other apart. ValueError for values that a solver would refuse, MemoryError if
     memory runs out.
     """

@@ -44,7 +44,7 @@ class _Estimate:
     scales: _Scales
     points: _Floats  # (T, J, D)
     covariance: _Floats  # (T, J, entries)
-    probability: _Floats  # (V, T, J): that a detection is no outlier
+    probability: _Floats  # (V, T, J): that a detection is not an outlier
     weight: _Floats  # (V, T, J): of each detection
     stiffness: _Floats  # (T - 2, J): the weight of each change of velocity
 
@@ -68,7 +68,7 @@ def _estimate(recording: _Recording, begin: int, end: int) -> tuple[npt.NDArray[
 def _lasting(recording: _Recording, found: _Estimate) -> _Floats:
     """Covariance of the points (T, J, entries) if each view is off by its deviation, alike in frames near each other.
 
-    Such an error is no noise that frames average out: the path follows it as it follows a motion.
+    Such an error is not noise that frames average out: the path follows it as it follows a motion.
     """
     return recording.compiled.lasting(found.points, found.weight, found.stiffness, found.scales.extent, inputs.processors())
 

@@ -56,7 +56,7 @@ def fuse(
     """The paths of J joints over T frames that explain what V views detected, with covariance and outliers; nothing has to be tuned.
 
     detections: (V, T, J, 2) [px], or (T, J, 2) for one view; NaN, or a mask, where a joint was not seen. confidence: (V, T, J), or (T,
-    J), in [0, 1]: the probability that the detection is no outlier; 1 if left out. cameras: one for each view, for points in space;
+    J), in [0, 1]: the probability that the detection is not an outlier; 1 if left out. cameras: one for each view, for points in space;
     without them the views are several detectors' results for one image. skeleton: pairs of joints. times: (T,), rising; frame numbers
     if left out. pairs: joints that the detector may have taken for each other, left and right, which exchange_back puts right beforehand.
     deviation: (V, T, J), or (T, J) for one view: the standard deviation of each detection in each coordinate [px], if it is known otherwise, as network_deviation

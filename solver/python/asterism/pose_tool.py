@@ -30,7 +30,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--skeleton", metavar="CSV", help="two columns with the names of a limb's joints, a line each")
     parser.add_argument("--times", metavar="FILE", help="times of the frames, a number a line; else frames are equally spaced")
     parser.add_argument("--pairs", metavar="A:B,..", help="left and right that may be swapped; 'names' takes them from the joints' names")
-    parser.add_argument("--confidence", action="store_true", help="count likelihoods as the probability that a detection is no outlier")
+    parser.add_argument("--confidence", action="store_true", help="count likelihoods as the probability that a detection is not an outlier")
     parser.add_argument("--details", metavar="CSV", help="a table with the standard deviations and outliers of every point")
     return parser
 

@@ -494,7 +494,7 @@ def _table(X: Any, is_finite: bool) -> _Floats:
             raise ValueError(f"Found array with 0 {what} (shape={array.shape}) while a minimum of 1 is required.")
     if is_finite and not np.isfinite(array).all():
         i, j = np.argwhere(~np.isfinite(array))[0]
-        raise ValueError(f"X: [{i}, {j}] is {array[i, j]}; NaN and inf are no places")
+        raise ValueError(f"X: [{i}, {j}] is {array[i, j]}; NaN and inf are not places")
     return np.ascontiguousarray(array)
 
 

@@ -46,7 +46,7 @@ class PictorialResult:
     energy: float
     #: The best placement: (N, 2), the column x and the row y of each part in its map.
     positions: npt.NDArray[np.int32]
-    #: The part that is no child.
+    #: The root of the tree: the part that is not a child.
     root: int
     #: For each position of the root, an array like its map: the least energy of a placement that has it there.
     min_marginals: npt.NDArray[np.float32]
@@ -91,7 +91,7 @@ class ScaledResult:
     positions: npt.NDArray[np.int32]
     #: The layer of each part in it, from 0.
     layers: npt.NDArray[np.int32]
-    #: The part that is no child.
+    #: The root of the tree: the part that is not a child.
     root: int
     #: For each layer and position of the root, the least energy of a placement that has it there.
     min_marginals: npt.NDArray[np.float32]
