@@ -46,8 +46,8 @@ document.addEventListener("DOMContentLoaded", () => {
     let folded = target.querySelector(":scope > details.fold") || target.closest("details.fold");
     if (!folded) return;
     for (; folded; folded = folded.parentElement.closest("details.fold")) folded.open = true;
-    target.scrollIntoView();
+    target.scrollIntoView({ behavior: "instant" });
   };
   addEventListener("hashchange", open);
-  open();
+  addEventListener("load", open);  // the pictures above the place have their heights now
 });
