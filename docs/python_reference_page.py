@@ -10,6 +10,7 @@ import inspect
 import pathlib
 import re
 import sys
+import textwrap
 
 import asterism
 
@@ -47,17 +48,17 @@ GROUPS = [
      'PictorialResult ScaledResult LoopyResult'),
     ('Systems in files', 'python.md#systems-in-files', 'read_systems parse_systems write_systems StoredSystem'),
     ('Trackers', 'python.md#track-an-object', 'Tracker TrackResult PartState OpenCvTracker MultiTracker tracker_names tracker_options '
-     'smooth_track part_names part_options suggested_range'),
+     'smooth_track part_names part_options suggested_range evaluate'),
 ]
 # Modules of the package; torch is read, not imported, as it needs PyTorch.
-MODULES = [('evaluation', 'python.md#results-of-an-evaluation'), ('trax', 'trax.md#a-tracker-in-python'),
+MODULES = [('evaluation', 'python.md#evaluate-a-tracker'), ('trax', 'trax.md#a-tracker-in-python'),
            ('bench', 'python.md#a-solver-of-your-own'), ('torch', 'gradients.md'), ('pose', 'pose.md')]
 
 TYPES = [(r'_Floats', 'array'), (r'_Ints|_Indices', 'array of int'), (r'_Image', 'image'), (r'_Region', 'region'), (r'_Values', 'array'),
-         (r'_OnIteration|_\w*Function|Callable\[.*?\](?=\]|,| \||$)', 'callable'), (r'_Number', 'array_like'),
+         (r'_OnIteration|_\w*Function|Callable\[(?:\[[^\]]*\]|\.\.\.), [^\[\]]*(?:\[[^\]]*\])?\]', 'callable'), (r'_Number', 'array_like'),
          (r'npt\.ArrayLike', 'array_like'), (r'npt\.NDArray\[np\.(\w+)\]', r'array of \1'), (r'array of float64', 'array'),
          (r'np\.ndarray', 'array'), (r'_asterism\.|dataclasses\.|scipy\.sparse\.', ''), (r'os\.PathLike\[str\]', 'path'),
-         (r'_Box', 'tuple[int, int, int, int]')]
+         (r'_Tracker', 'tracker'), (r'_Box', 'tuple[int, int, int, int]')]
 
 
 def typed(text):
@@ -127,16 +128,17 @@ def escaped(text):
     return ''.join(piece if piece.startswith('`') else re.sub(r'([*_<>\[\]|])', r'\\\1', piece) for piece in pieces)
 
 
+PROPERTIES = {'property', 'functools.cached_property'}
 PARAMETER = re.compile(r'^((?:\*\*)?\w+(?:, \w+)*): (.*)')
 
 
 def prose(doc):
     """Paragraphs, lists of arguments, and indented programs of a docstring."""
     lines = []
-    for paragraph in re.split(r'\n\s*\n', doc):
+    for paragraph in re.split(r'\n\s*\n(?! {8})', doc):  # a function of a program goes on after a blank line
         rows = paragraph.split('\n')
-        if all(row.startswith('    ') for row in rows):
-            lines += ['<!-- not run: an excerpt -->', '```py', inspect.cleandoc('\n'.join(rows)), '```', '']
+        if all(row.startswith('    ') for row in rows if row):
+            lines += ['<!-- not run: an excerpt -->', '```py', textwrap.dedent(paragraph), '```', '']
         elif PARAMETER.match(rows[0]) and not rows[0].startswith('ValueError'):
             item = []
             for row in rows + ['end: ']:
@@ -165,7 +167,7 @@ def members(name, cls):
         nodes = node.body
     attributes, methods = [], []
     for node in nodes:
-        if isinstance(node, ast.AnnAssign):
+        if isinstance(node, ast.AnnAssign) and not node.target.id.startswith('_'):
             type_, attribute = typed(ast.unparse(node.annotation)), node.target.id
             text = comment_at(node, lines) if lines else inspect.getdoc(inspect.getattr_static(cls, attribute)) or ''
             default = f' (default: {ast.unparse(node.value)})' if node.value is not None and 'field' not in ast.unparse(node.value) else ''
@@ -173,11 +175,10 @@ def members(name, cls):
         elif isinstance(node, ast.Assign) and lines and (text := comment_at(node, lines)):
             attributes.append((node.targets[0].id, '', text))
         elif isinstance(node, ast.FunctionDef) and not node.name.startswith('_'):
-            decorators = {ast.unparse(each) for each in node.decorator_list}
-            if any(each.endswith('.setter') for each in decorators):
+            if any(ast.unparse(each).endswith('.setter') for each in node.decorator_list):
                 continue
             doc = plain_doc(getattr(inspect.getattr_static(cls, node.name), '__doc__', None) or getattr(cls, node.name).__doc__)
-            if 'property' in decorators:
+            if is_property(node):
                 attributes.append((node.name, typed(ast.unparse(node.returns)), doc))
             else:
                 methods.append((node, plain_doc(getattr(cls, node.name).__doc__), getattr(cls, node.name).__doc__ or ''))
@@ -225,6 +226,14 @@ def entry(name, thing):
         yield from [*block(signature(f'asterism.{name}', node, thing.__doc__ or '')), '', *prose(plain_doc(thing.__doc__)), '']
 
 
+def public_functions(of_class):
+    return [each for each in of_class.body if isinstance(each, ast.FunctionDef) and not each.name.startswith('_')]
+
+
+def is_property(function):
+    return any(ast.unparse(each) in PROPERTIES for each in function.decorator_list)
+
+
 def of_module(name):
     """The public functions and classes of a module that is read, not imported."""
     tree = SOURCES[name]
@@ -241,15 +250,17 @@ def of_module(name):
             yield from [*block(signature(f'asterism.{name}.{node.name}', node)), '', *prose(ast.get_docstring(node) or ''), '']
             continue
         yield from [*prose(ast.get_docstring(node) or ''), '']
-        rows = [(each.target.id, typed(ast.unparse(each.annotation)), comment_at(each, lines)) for each in node.body if isinstance(each, ast.AnnAssign)]
+        rows = [(each.target.id, typed(ast.unparse(each.annotation)), comment_at(each, lines)) for each in node.body
+                if isinstance(each, ast.AnnAssign) and not each.target.id.startswith('_')]
+        rows += [(each.name, typed(ast.unparse(each.returns)), ast.get_docstring(each) or '') for each in public_functions(node) if is_property(each)]
         for made in (each for each in node.body if isinstance(each, ast.FunctionDef) and each.name == '__init__'):
             rows += [(each.targets[0].attr, '', comment_at(each, lines)) for each in made.body
-                     if isinstance(each, ast.Assign) and isinstance(each.targets[0], ast.Attribute)]
+                     if isinstance(each, ast.Assign) and isinstance(each.targets[0], ast.Attribute) and not each.targets[0].attr.startswith('_')]
         if rows:
             yield from ['| attribute | type | meaning |', '|---|---|---|']
             yield from (f'| `{each}` | {f"`{type_}`".replace("|", chr(92) + "|") if type_ else ""} | {cell(text)} |' for each, type_, text in rows)
             yield ''
-        for method in (each for each in node.body if isinstance(each, ast.FunctionDef) and not each.name.startswith('_')):
+        for method in (each for each in public_functions(node) if not is_property(each)):
             yield from [*block(signature(f'{node.name}.{method.name}', method)), '', *prose(ast.get_docstring(method) or ''), '']
 
 

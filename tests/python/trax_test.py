@@ -5,6 +5,7 @@ The client is written from the protocol's documentation. With asterism-eval, the
 """
 
 import base64
+import json
 import os
 import pathlib
 import subprocess
@@ -138,13 +139,16 @@ class TraxTest(unittest.TestCase):
             self.assertEqual((done.returncode, done.stderr), (2, f"asterism.trax: {text}\n"))
         self.assertEqual(subprocess.run([sys.executable, "-m", "asterism.trax"], capture_output=True).returncode, 2)
 
-    @unittest.skipUnless(EVAL, "asterism-eval was not built")
-    def test_scores_are_those_of_the_same_tracker(self):
+    def write_sequence(self):
         sequence = self.folder / "data" / "square"
-        sequence.mkdir(parents=True)
+        sequence.mkdir(parents=True, exist_ok=True)
         for i in range(12):
             write_png(sequence / f"{i + 1:08}.png", draw_frame(i))
         (sequence / "groundtruth.txt").write_text("".join(",".join(map(str, true_box(i))) + "\n" for i in range(12)))
+
+    @unittest.skipUnless(EVAL, "asterism-eval was not built")
+    def test_scores_are_those_of_the_same_tracker(self):
+        self.write_sequence()
         # A file of such a name shows that the shell gets it as one word.
         (self.folder / "it's mine.py").write_text(TRACKERS)
         externals = {"command": f"{sys.executable} -m asterism.trax mine:kcf", "module": "python:mine:kcf", "file": "python:it's mine.py:kcf"}
@@ -174,6 +178,58 @@ class TraxTest(unittest.TestCase):
         self.assertIn(f"{sys.executable}, which is python3 here: No module named 'asterism'", done.stderr)
         self.assertTrue(done.stderr.endswith("tracker 'python:mine:kcf': ended with exit code 1 before its first answer\n"), done.stderr)
         self.assertNotIn("Traceback", done.stderr)
+
+    @unittest.skipUnless(EVAL, "asterism-eval was not built")
+    def test_evaluate(self):
+        self.write_sequence()
+        (self.folder / "still.py").write_text("class Still:\n"
+                                              "    def init(self, image, box): self.box = box\n"
+                                              "    def update(self, image): return self.box\n")
+        tables = self.script("from still import Still\nimport asterism, json\n"
+                             "class Moved(Still):\n    def update(self, image): return (1000, 1000, 5, 5)\n"
+                             "if __name__ == '__main__':\n"
+                             "    options = dict(protocol=['vot', 'otb'], workers=1, bounded=False)\n"
+                             "    tables = asterism.evaluate([Still, Moved, 'kcf'], 'data', folder='kept', **options)\n"
+                             "    assert asterism.evaluate({'a': Still}, 'data', **options)['summary']['a']['AO'] == tables['summary']['Still']['AO']\n"
+                             "    print(json.dumps(tables['summary']))\n")
+        tables = json.loads(tables.stdout)
+        self.assertEqual(set(tables), {"Moved", "Still", "kcf"})
+        x, y, width, height = true_box(0)
+        overlaps = []
+        for i in range(1, 12):  # the first frame does not count
+            left, top = true_box(i)[:2]
+            both = max(width - abs(left - x), 0) * max(height - abs(top - y), 0)
+            overlaps.append(both / (2 * width * height - both))
+        self.assertAlmostEqual(tables["Still"]["AO"], np.mean(overlaps), places=6)
+        self.assertEqual(tables["Moved"]["AO"], 0)
+        self.assertEqual((tables["Moved"]["F"], tables["kcf"]["F"]), (2, 0))
+        self.assertGreater(tables["kcf"]["AO"], 0.9)
+        self.assertTrue((self.folder / "kept/report/report.html").is_file())
+
+        for lines, error in {
+            "class T: pass\nasterism.evaluate(T, 'data')": "ValueError: evaluate: the class T has no function 'init'",
+            "from still import Still\nclass T(Still): pass\nasterism.evaluate(T, 'data', protocol='otb')": "RuntimeError: evaluate: called while the file of its class is loaded",
+            "asterism.evaluate(lambda: None, 'data')": "ValueError: evaluate: <function <lambda> at .*has no name at the top level",
+            "asterism.evaluate(['kcf', 'kcf'], 'data')": "ValueError: evaluate: two trackers with the name 'kcf'",
+            "asterism.evaluate('kcf', 'data', nothing=3)": "RuntimeError: .*--nothing",
+            "asterism.evaluate('kcf', 'no data')": "RuntimeError: .*no data",
+            "asterism.evaluate('kcff', 'data')": "RuntimeError: .*kcff",
+            "import os\nos.environ['PATH'] = ''\nasterism.evaluate('kcf', 'data')": "FileNotFoundError: asterism-eval is not on the PATH",
+        }.items():
+            with self.subTest(lines):
+                self.assertRegex(self.script("import asterism\n" + lines, fails=True).stderr, error)
+        typed = subprocess.run([sys.executable, "-c", "import asterism\ndef make(): pass\nasterism.evaluate(make, 'data')"], env=self.environment(),
+                               cwd=self.folder, capture_output=True, text=True, timeout=60)
+        self.assertIn("make was typed into this session", typed.stderr)
+
+    def environment(self):
+        return os.environ | {"PATH": os.pathsep.join([os.path.dirname(EVAL), os.environ["PATH"]])}
+
+    def script(self, text, fails=False):
+        (self.folder / "script.py").write_text(text)
+        done = subprocess.run([sys.executable, "script.py"], cwd=self.folder, env=self.environment(), capture_output=True, text=True, timeout=120)
+        self.assertEqual(done.returncode, int(fails), done.stderr)
+        return done
 
     def evaluate(self, *trackers, path=os.path.dirname(sys.executable)):
         path = os.pathsep.join([path, os.environ["PATH"]])  # python3 is the one that runs this test

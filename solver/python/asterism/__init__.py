@@ -17,8 +17,8 @@ placed by `asterism.pictorial_structure`, `scaled_structure`, `loopy_structure` 
 paths of key-points over time and several cameras. Gradients of a function of the solution are found by `asterism.sensitivity`;
 `asterism.torch` is a layer of PyTorch. Trackers
 (`asterism.Tracker`) and systems in files (`asterism.read_systems`) are there where the build had OpenCV and nlohmann-json.
-`asterism.evaluation` reads the reports of asterism-eval, `asterism.trax` brings a tracker of your own into one, and `asterism.bench`
-compares a solver of your own with the library's.
+`asterism.evaluate` evaluates a tracker of your own by asterism-eval, `asterism.evaluation` reads its reports, and `asterism.bench` compares
+a solver of your own with the library's.
 """
 
 
@@ -54,6 +54,7 @@ from . import bench, evaluation, pose
 from ._asterism import *
 from ._asterism import __version__
 from .embedding import Embedding, layout, layout_stress, mds
+from .evaluation import evaluate
 from .gradients import Sensitivity, SensitivityStatus, sensitivity
 from .ranges import PathEstimate, PositionFix, PositionMinimum, locate, locate_path
 from .rules import remove_overlaps
@@ -65,7 +66,7 @@ from .structures import (
 
 # What help(asterism) lists.
 __all__ = [
-    "bench", "evaluation", "pose", "Embedding", "Joint", "LoopyResult", "MDS", "PathEstimate", "PictorialResult", "PositionFix", "PositionMinimum", "ScaledResult", "Sensitivity", "SensitivityStatus", "Survey", "layout", "layout_stress", "locate", "locate_path", "loopy_structure", "m_best_placements", "mds", "pictorial_structure",
+    "bench", "evaluation", "pose", "Embedding", "Joint", "LoopyResult", "MDS", "PathEstimate", "PictorialResult", "PositionFix", "PositionMinimum", "ScaledResult", "Sensitivity", "SensitivityStatus", "Survey", "evaluate", "layout", "layout_stress", "locate", "locate_path", "loopy_structure", "m_best_placements", "mds", "pictorial_structure",
     "remove_overlaps", "scaled_structure", "sensitivity", "survey",
     *(name for name in dir(_asterism) if not name.startswith("_")),
 ]

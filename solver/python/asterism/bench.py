@@ -7,6 +7,8 @@
         return x
 
     print(asterism.bench.compare(my_solver, kinds=["lit"], sizes=[4]))
+
+All solvers get the same systems and starts.
 """
 
 from __future__ import annotations

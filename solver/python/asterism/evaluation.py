@@ -1,14 +1,114 @@
-"""Results of asterism-eval as dictionaries; docs/evaluation.md explains the figures."""
+"""Runs of asterism-eval and its results as dictionaries; docs/evaluation.md explains the figures."""
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import os
 import pathlib
-from typing import Any, Callable, Iterator
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Union
 
 #: A row's cells by column, and where it is in its file ("FILE:LINE").
 _Row = tuple[dict[str, str], str]
+
+
+#: A tracker: a class or function that makes one with init(image, box) and update(image), or a name of asterism-eval, maybe with options.
+_Tracker = Union[Callable[[], Any], str]
+#: Is set where asterism.evaluate loads the file of a class.
+_LOADING = "ASTERISM_EVALUATES"
+
+
+def evaluate(
+    trackers: _Tracker | Iterable[_Tracker] | Mapping[str, _Tracker], data: str | os.PathLike[str], *,
+    folder: str | os.PathLike[str] | None = None, **options: Any,
+) -> dict[str, Any]:
+    """Runs trackers on the annotated sequences of the folder `data` and returns the tables of the report, as `load` does.
+
+        class Still:
+            def init(self, image, box):
+                self.box = box
+
+            def update(self, image):
+                return self.box
+
+        if __name__ == "__main__":
+            tables = asterism.evaluate([Still, "dpt_plus"], "sequences", protocol="otb")
+            print(tables["summary"]["Still"]["AO"])
+
+    trackers: one or several; a class of yours with init(image, box) and update(image), as asterism.trax describes it, or a name that
+    `asterism-eval trackers` lists; in a dict, by the name in the tables. A class must be found by import or in the script that is run:
+    processes of their own make its trackers.
+    folder: keeps results and report, and resumes what is there; without it, both are deleted in the end.
+    options: those of `asterism-eval run` (protocol, starts, sequences, workers, ...); a list stands for values with commas, True for
+    an option without a value, False or None for none.
+
+    Needs the program asterism-eval on the PATH (FileNotFoundError). ValueError for a class that other processes cannot find,
+    RuntimeError with the program's message where it fails. Progress and warnings of the program go to standard error.
+    """
+    if _LOADING in os.environ:
+        raise RuntimeError('evaluate: called while the file of its class is loaded; call it below `if __name__ == "__main__":`')
+    if (program := shutil.which("asterism-eval")) is None:
+        raise FileNotFoundError("asterism-eval is not on the PATH; it is built with the benchmarks (docs/evaluation.md)")
+    arguments: list[str] = []
+    for name, tracker in _named(trackers).items():
+        arguments += ["--tracker", f"{name}={tracker}"] if isinstance(tracker, str) else ["--external", f"{name}={_command(tracker)}"]
+    for option, value in options.items():
+        if value is None or value is False:
+            continue
+        arguments.append("--" + option.replace("_", "-"))
+        if value is not True:
+            arguments.append(",".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value))
+    with contextlib.nullcontext(os.fspath(folder)) if folder is not None else tempfile.TemporaryDirectory() as results:
+        _run([program, "run", os.fspath(data), *arguments, "--out", results])
+        _run([program, "report", results])
+        return load(results)
+
+
+def _named(trackers: _Tracker | Iterable[_Tracker] | Mapping[str, _Tracker]) -> Mapping[str, _Tracker]:
+    if isinstance(trackers, Mapping):
+        return trackers
+    named: dict[str, _Tracker] = {}
+    for tracker in [trackers] if isinstance(trackers, str) or callable(trackers) else trackers:
+        name = tracker if isinstance(tracker, str) else getattr(tracker, "__name__", repr(tracker))
+        if name in named:
+            raise ValueError(f"evaluate: two trackers with the name '{name}': give a dict with their names")
+        named[name] = tracker
+    return named
+
+
+def _command(tracker: Callable[[], Any]) -> str:
+    """The command that runs a class of this process in another one."""
+    for function in ("init", "update"):
+        if isinstance(tracker, type) and not callable(getattr(tracker, function, None)):
+            raise ValueError(f"evaluate: the class {tracker.__name__} has no function '{function}'")
+    name, module = getattr(tracker, "__qualname__", ""), getattr(tracker, "__module__", "")
+    if not name.isidentifier():
+        raise ValueError(f"evaluate: {tracker!r} has no name at the top level of a module, by which other processes find it")
+    if module == "__main__":
+        main = sys.modules["__main__"]
+        module = main.__spec__.name if main.__spec__ is not None else getattr(main, "__file__", "")
+        if not module:
+            raise ValueError(f"evaluate: {name} was typed into this session, where other processes do not find it: put it into a file")
+    return f"exec {shlex.quote(sys.executable)} -m asterism.trax {shlex.quote(f'{module}:{name}')}"
+
+
+def _run(command: list[str]) -> None:
+    """Runs asterism-eval; what it says on standard error is shown at once, and its last line is the message of an error."""
+    environment = os.environ | {_LOADING: "1", "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
+    said = [""]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            sys.stderr.write(line)
+            said.append(line.strip() or said[-1])
+    if process.returncode:
+        raise RuntimeError(said[-1] or f"asterism-eval ended with exit code {process.returncode}")
 
 
 def load(folder: str | os.PathLike[str]) -> dict[str, Any]:

@@ -35,7 +35,7 @@ import numpy.typing as npt
 
 __all__ = ["main", "serve"]
 
-_TOKEN = re.compile(r' +"((?:[^"\\]|\\.)*)"')
+_TOKEN = re.compile(r' +"([^"\\]*(?:\\.[^"\\]*)*)"')  # runs, not single letters: an image has a million
 _PROPERTY = re.compile(r"[A-Za-z0-9._]{1,64}=")
 _FORMATS = {"rgb": (np.uint8, 3), "gray8": (np.uint8, 1), "gray16": (np.uint16, 1)}
 
@@ -50,7 +50,7 @@ def _line(kind: str, *arguments: str) -> bytes:
 def _parsed(line: str) -> tuple[str, list[str]]:
     """A message's kind and its arguments, without its properties."""
     kind, rest = re.fullmatch(r"@@TRAX:([a-z]+)(.*)", line.rstrip("\r\n")).groups()  # type: ignore[union-attr]
-    arguments = [re.sub(r"\\(.)", lambda m: "\n" if m[1] == "n" else m[1], each) for each in _TOKEN.findall(rest)]
+    arguments = [re.sub(r"\\(.)", lambda m: "\n" if m[1] == "n" else m[1], each) if "\\" in each else each for each in _TOKEN.findall(rest)]
     return kind, [each for each in arguments if not _PROPERTY.match(each)]
 
 
