@@ -14,10 +14,10 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Union
 
+__all__ = ["load"]  # evaluate is asterism.evaluate
+
 #: A row's cells by column, and where it is in its file ("FILE:LINE").
 _Row = tuple[dict[str, str], str]
-
-
 #: A tracker: a class or function that makes one with init(image, box) and update(image), or a name of asterism-eval, maybe with options.
 _Tracker = Union[Callable[[], Any], str]
 #: Is set where asterism.evaluate loads the file of a class.
