@@ -41,7 +41,7 @@ class ASTERISM_API PartRegistry {
   /// Loads a shared library of part models and adds each, as "LIBRARY:MODEL" with the path as it is given;
   /// returns these names. A library stays loaded until the process ends; loading it again changes nothing.
   /// Throws std::runtime_error, without having added any, for a file that cannot be loaded, is no library of
-  /// part models, was built for another version of this one or of what its types are made of, or throws.
+  /// part models, was built for another version of this one, of Eigen or of OpenCV, or throws.
   ///
   /// An exception of such a model becomes std::invalid_argument if it was one, else std::runtime_error,
   /// with the model's name; so does evidence or a similarity that is not finite.

@@ -34,7 +34,7 @@ struct SuperpixelMap {
 /// colors: a row for each pixel, row by row of the image, finite; CIELAB, for distances that are those of
 /// the eye. Seeds are the middles of a regular grid of about side x side pixels, and not moved off edges.
 /// Remaining pieces of less than side^2 / 4 pixels join a neighbour. Throws std::invalid_argument
-/// for options out of range, and for pixels that are no whole rows of `cols`.
+/// for options out of range, and for pixels that do not fill whole rows of `cols`.
 ASTERISM_API SuperpixelMap slic(const Eigen::ArrayX3f& colors, int cols, const SlicOptions& options = {});
 
 }  // namespace ASTERISM_ABI

@@ -97,7 +97,7 @@ class ASTERISM_API Kcf {
  private:
   using Plan = CellSpectra::Plan;
 
-  // All that follows from the target's size in the first frame: what `init` makes but the model itself.
+  // All that follows from the target's size in the first frame: what `init` makes, except the model.
   void prepare(const Size2& size);
   // The cross spectrum in `split_` -> the spectrum of the kernel's map k^{xz} less `kernel_base_`. norms: of
   // z and x.

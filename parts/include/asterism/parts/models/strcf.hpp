@@ -111,7 +111,7 @@ class ASTERISM_API Strcf {
  private:
   using Plan = CellSpectra::Plan;
 
-  // All that follows from the target's size in the first frame: what `init` makes but the model itself.
+  // All that follows from the target's size in the first frame: what `init` makes, except the model.
   void prepare(const Size2& size);
   // 1 / (w^2 + penalty), cell by cell, in `constraint_`.
   void weigh_cells(double penalty);

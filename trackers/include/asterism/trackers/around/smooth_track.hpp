@@ -30,7 +30,7 @@ inline namespace ASTERISM_ABI {
 /// - The box of an interrupted frame is no evidence: it follows from its neighbours. After the last frame
 /// with
 ///   evidence, the box stays where it is.
-/// - image: the size of the frames [px], in which centres are kept as those of the tracker; empty: not.
+/// - image: the size of the frames [px], in which centres are kept; if it is empty, they are not limited.
 ///
 /// The results are returned as they are if fewer than two frames after the first have evidence. Time is
 /// linear in the number of frames. Throws std::invalid_argument for a box that is not finite or has no size,

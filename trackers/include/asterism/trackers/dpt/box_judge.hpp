@@ -15,8 +15,8 @@ inline namespace ASTERISM_ABI {
 /// sure of it as of the object, but the judge is not. It needs nothing of the tracker except its boxes.
 ///
 /// The probability is a logistic regression on three likenesses, which are averaged over the frames. Its
-/// weights were fitted to the boxes of dpt_plus; docs/results/evaluation.md has the sequences, and how good
-/// the probability is on others.
+/// weights were fitted to the boxes of dpt_plus; docs/results/confidence.md says on which sequences, and how
+/// good the probability is on others.
 class ASTERISM_API BoxJudge {
  public:
   /// The object counts as lost if the probability is below this.

@@ -6,8 +6,8 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// A scale filter's share in the object's size, beside the constellation's, which alone has it in the paper:
-/// an addition to lines 4 and 6 of Algorithm 2.
+/// The share of a scale filter in the object's size: an addition to lines 4 and 6 of Algorithm 2. In the
+/// paper the constellation alone gives the size.
 class ASTERISM_API ScaleShare {
  public:
   /// share: weight of the filter in the logarithm of the size, in [0, 1]. 0: there is no filter, and nothing

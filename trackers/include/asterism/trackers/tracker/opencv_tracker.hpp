@@ -29,7 +29,7 @@ class ASTERISM_API OpenCvTracker final : public cv::Tracker {
   /// Start on an object; see the concept Tracker for the images and boxes that are refused.
   void init(cv::InputArray image, const cv::Rect& box) override;
   /// The object's box in the next image, each edge rounded to the nearest whole pixel and at least a pixel
-  /// apart; true. False, with `box` as it was, where the tracker holds the object for lost.
+  /// apart; true. False, with `box` as it was, if the tracker reports that it has lost the object.
   bool update(cv::InputArray image, cv::Rect& box) override;
 
   /// The result of the last `update`; its box is empty before the first one.

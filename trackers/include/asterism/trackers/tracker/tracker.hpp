@@ -111,7 +111,7 @@ concept FrameTracker = Tracker<T> && requires(T tracker, const Frame& frame, con
 
 namespace detail {
 
-/// The part of a frame that a tracker gets: the frame or, if it is no FrameTracker, its 8-bit pixels.
+/// The part of a frame that a tracker gets: the frame or, if it is not a FrameTracker, its 8-bit pixels.
 template <Tracker T>
 decltype(auto) seen_by(const Frame& frame) {
   if constexpr (FrameTracker<T>)
