@@ -167,7 +167,7 @@ def values_of(path, value, ask):
             if names := re.search(r"must be one of (.*), not", str(error)):
                 return ", ".join(f"`{name}`" for name in names[1].split(", "))
             if ends := re.search(re.escape(path[-1]) + r" must be in \[(\S+), (\S+)\], is", str(error)):
-                least, most = (re.sub(r"e\+?(-?)0*", r"e\1", end) for end in ends.groups())
+                least, most = (re.sub(r"e\+?(-?)0*", r"e\1", end).replace("1000000000", "1e9") for end in ends.groups())
                 return f"{least} to {most}"
     return ""
 
