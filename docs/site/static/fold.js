@@ -13,7 +13,7 @@ document.addEventListener("DOMContentLoaded", () => {
     group.append(name, caption.nextElementSibling);
     caption.remove();
   }
-  const mostRows = 8, mostEntries = 40, mostHeight = 9000;  // pixels, without pictures, which come later
+  const mostRows = 8, mostEntries = 40, mostHeight = 10000;  // pixels, without pictures, which come later
   const fold = (text, ...content) => {
     const details = document.createElement("details"), summary = document.createElement("summary");
     details.className = "fold";

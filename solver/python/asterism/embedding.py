@@ -83,7 +83,7 @@ def mds(
     plus sum w_i |x_i - a_i|^2 over the anchors.
 
     distances: (N, N), symmetric, >= 0; a pair that is NaN or masked is missing, and the diagonal is not read. Of a scipy.sparse
-        matrix the stored entries are the known pairs; one of both triangles suffices, and entries given twice are summed.
+        matrix the stored entries are the known pairs; one triangle suffices, and entries given twice are summed.
         Entries [i, j] and [j, i] may differ by a billionth, or by 8 units in the last place of the matrix's type: then their
         mean counts.
     weights: (N, N), symmetric, >= 0, as distances; a pair of 0, or masked, is missing. None: 1 for each known pair.

@@ -59,16 +59,16 @@ def fuse(
     J), in [0, 1]: the probability that the detection is not an outlier; 1 if left out. cameras: one for each view, for points in space;
     without them the views are several detectors' results for one image. skeleton: pairs of joints. times: (T,), rising; frame numbers
     if left out. pairs: joints that the detector may have taken for each other, left and right, which exchange_back puts right beforehand.
-    deviation: (V, T, J), or (T, J) for one view: the standard deviation of each detection in each coordinate [px], if it is known otherwise, as network_deviation
-    knows it of several networks: that of errors that last over frames, and how much the detections count beside each other.
+    deviation: (V, T, J), or (T, J) for one view: the standard deviation of each detection in each coordinate [px], such as network_deviation
+    estimates it from several networks. It covers errors that last over frames, and decides how much each detection counts.
 
-    The points minimise a sum of squares, each in units of its variance: errors of the detections in the image, less what a view is off by in all
-    frames, and changes of velocity along the path of each joint, both with Student's t distribution; then, frame by frame, limbs are springs of a length that all
-    frames have in common, as firm as the lengths turned out to be. Outliers have no weight: a detection may also
-    be a point anywhere in the image. The distribution is met from a wide one to a narrow one (graduated non-convexity). The variances maximise the evidence
-    (expectation-maximisation with the exact covariances). A joint without detections in a frame is interpolated, and has the covariance of that.
-    Errors that last over frames are found where views disagree, and are part of the covariance: a single view cannot show them, and what all views
-    have in common no data show.
+    The points minimise a sum of squares, each in units of its variance: errors of the detections in the image, less a constant offset of each view,
+    and changes of velocity along the path of each joint, both with Student's t distribution. Then, frame by frame, limbs are springs of a length
+    that all frames share, as firm as the lengths turned out to be. Outliers have no weight: a detection may also be a point anywhere in the image.
+    The solve goes from a wide distribution to a narrow one (graduated non-convexity). The variances maximise the evidence
+    (expectation-maximisation with the exact covariances). A joint without detections in a frame is interpolated, and its covariance says so.
+    Errors that last over frames are found where views disagree, and are part of the covariance. A single view cannot show them, and no data
+    show errors that all views share.
 
     ValueError, which names the input, for other shapes, infinite numbers, a joint that is never seen, cameras two of which are the
     same or which do not belong to the detections, one camera, and times that do not rise.

@@ -15,11 +15,14 @@ _Floats = npt.NDArray[np.float64]
 def network_deviation(networks: npt.ArrayLike) -> _Floats:
     """The standard deviation [px], in each coordinate, of one network's detection from what the other networks say, for fuse's deviation.
 
-    networks: (N, .., T, J, 2), what N >= 2 networks detected in the same images; NaN where none. Result: (.., T, J), of any one of them. A network's errors last over frames, so
-    that its own path does not show them; other networks' do. In a frame, N networks have a variance with 2 (N - 1) degrees of freedom, which is little. The frames of a joint
-    therefore have a common distribution of variances, an inverse chi-square one, of which the two parameters maximise the evidence, and each frame has the mean of its
-    posterior (Smyth 2004). That of a network about the mean of the others is N / (N - 1) times that about the mean of all. What all networks have in
-    common no network shows. ValueError for other shapes, and for a joint that no two networks see in one frame.
+    networks: (N, .., T, J, 2), what N >= 2 networks detected in the same images; NaN where none. Returns (.., T, J), which holds for any one of
+        them.
+
+    A network's errors last over frames, so its own path does not show them; the paths of other networks do. In a frame, N networks give a variance
+    with 2 (N - 1) degrees of freedom, which are few. The frames of a joint therefore share a distribution of variances, an inverse chi-square one
+    whose two parameters maximise the evidence, and each frame has the mean of its posterior (Smyth 2004). The variance of a network about the
+    mean of the others is N / (N - 1) times the variance about the mean of all. Errors that all networks share do not show. ValueError for other
+    shapes, and for a joint that no two networks see in one frame.
     """
     points = inputs.numbers(networks, "networks", missing=np.nan)
     if points.ndim < 4 or points.shape[-1] != 2 or len(points) < 2:

@@ -190,7 +190,7 @@ def locate_path(
     shortest: steps are joined until they are so long [m]; None: half of the median step.
     start: x, y [m] and heading [rad] of the first pose: where the search starts, and the frame of the result where beacons do not determine it.
     start_sigma: standard deviations of the first position [m] and heading [rad]; None: the start has no energy.
-    lower_bound: whether it is wanted; it takes most of the time.
+    lower_bound: whether to compute it, which takes most of the time.
     max_iterations: of each descent.
 
     ValueError for bad input, which is named: shapes, numbers that are not finite, negative ranges, times that do not rise, a range at no pose

@@ -148,9 +148,9 @@ class MDS:
 
         A point goes down to a minimum of its stress, up to 5 dimensions to the lower of two, which is nearly always the lowest.
 
-        among: at how many points of fit a new one looks, which are drawn at random, the same for all; time is in proportion. All count
-            where distances are missing or have weights. With N = 2000, the stress of new points was 13 % above that among all for 100,
-            and 6 % for 200.
+        among: how many points of fit each new one is placed among. They are drawn at random, the same for all new points, and the time
+            is proportional to their number. All points of fit count where distances are missing or have weights. With N = 2000, new
+            points had 13 % more stress among 100 than among all, and 6 % more among 200.
 
         A point whose distance from one of these is 0 is placed on it. ValueError for a point without a known distance, and before fit.
         """
