@@ -1,6 +1,6 @@
 // The list of pages shows its groups, and the pages of the group that the reader is in; the first group on other pages. On a phone
-// long tables, the entries of a reference and the sections of long pages are folded: what follows them would be thousands of pixels
-// away. A link into one opens it.
+// long tables and the entries of a reference are folded, on long pages the programs, and on those that are still long the sections:
+// what follows them would be thousands of pixels away. A link into one opens it.
 document.addEventListener("DOMContentLoaded", () => {
   const groups = [...document.querySelectorAll(".sidebar-tree > p.caption")];
   const current = groups.find((caption) => caption.nextElementSibling.querySelector(".current"));
@@ -13,7 +13,7 @@ document.addEventListener("DOMContentLoaded", () => {
     group.append(name, caption.nextElementSibling);
     caption.remove();
   }
-  const mostRows = 8, mostEntries = 40, mostHeight = 10000;  // pixels, without pictures, which come later
+  const mostRows = 8, mostLines = 12, mostEntries = 40, mostHeight = 10000;  // pixels, without pictures, which come later
   const fold = (text, ...content) => {
     const details = document.createElement("details"), summary = document.createElement("summary");
     details.className = "fold";
@@ -35,7 +35,13 @@ document.addEventListener("DOMContentLoaded", () => {
       const about = entry.querySelector(":scope > p");
       if (first) fold(about ? about.textContent.split(/[.:;]\s/)[0] : "Signature", first, ...rest);
     }
-  if (document.documentElement.scrollHeight > mostHeight)
+  const isLong = () => document.documentElement.scrollHeight > mostHeight;
+  if (isLong())
+    for (const program of document.querySelectorAll("article div[class^=highlight-]")) {
+      const lines = program.textContent.trimEnd().split("\n").length;
+      if (lines > mostLines) fold(`Program of ${lines} lines`, program);
+    }
+  if (isLong())
     for (const section of document.querySelectorAll("article > section > section, article > div > section > section")) {
       const [head, first, ...rest] = [...section.children].filter((child) => child.tagName !== "SPAN");
       if (first) fold(head, first, ...rest);
