@@ -24,7 +24,7 @@ HEAD = """# Options of trackers and part models
 
 <!-- Written by docs/options_page.py: change the comments in the headers, not this page. -->
 
-Every tracker and every part model, with the names, the defaults and the values of its options. A dot separates the name of an object
+This page lists the options of every tracker and part model, with their defaults and values. A dot separates the name of an object
 from that of a member: `coarse.use_color` is `{"coarse": {"use_color": true}}` in a [description](tracker.md#descriptions). A part model
 is written as its name, or as an object with the name as `"model"` and [its own options](#part-models) beside it.
 

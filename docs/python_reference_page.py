@@ -22,7 +22,7 @@ HEAD = '''# Python: reference
 
 <!-- Written by docs/python_reference_page.py: change the docstrings, not this page. -->
 
-Every class and function of `import asterism`, as `help` shows them in Python. [Python](python.md) introduces them with programs. `array`
+This page has every class and function of `import asterism`, as `help` shows them in Python. [Python](python.md) introduces them with programs. `array`
 stands for a NumPy array of float64, and `array_like` for anything that NumPy makes one of: lists, integers, other types. Points are rows:
 (N, dim). Most classes have `copy()`, which gives an object of its own with the same values, as `copy.copy` and `copy.deepcopy` do.
 
