@@ -1,10 +1,10 @@
-// Newton's iterations for four nodes with AVX-512: a vector holds all eight coordinates, or all six links. A
-// solve waits for a chain of operations that depend on each other. It is shorter here than in NewtonMatrix,
-// because the elimination runs over the rows above the pivots, too (Gauss-Jordan), and no substitution
-// follows.
+// Newton's iterations and derivatives of solutions for four nodes with AVX-512: a vector holds all eight
+// coordinates, or all six links. A solve waits for a chain of operations that depend on each other. It is
+// shorter here than in NewtonMatrix, because the elimination runs over the rows above the pivots, too
+// (Gauss-Jordan), and no substitution follows.
 #define ASTERISM_LANES_AVX512
 
-#include <asterism/solver/method/four_nodes.hpp>
+#include <asterism/solver/energy/four_nodes.hpp>
 
 #include "batch_lanes.hpp"
 
@@ -50,12 +50,13 @@ ASTERISM_INLINE double dot(V a, V b) { return sum_all(a * b)[0]; }
 
 struct System {
   V anchors, anchor_stiffness, link_stiffness, rest_length;
-  V push;      // k mu
-  V rounding;  // of the pivots
-  V weights;   // of the stopping rule
+  V push;       // k mu
+  V stiffness;  // A_ii
+  V rounding;   // of the pivots
+  V weights;    // of the stopping rule
   double tolerance;
   // For alignment.
-  bool realigns;
+  bool realigns = false;
   double total;
   V centre, offsets;  // of the anchors; from it, times the stiffness
   double spread;
@@ -68,20 +69,26 @@ ASTERISM_INLINE System load(const FourNodes& from) {
   s.link_stiffness = of_links(from.link_stiffness);
   s.rest_length = of_links(from.rest_length);
   s.push = s.link_stiffness * s.rest_length;
-  const V stiffness = of_nodes(from.node_stiffness);
-  s.rounding = stiffness * L::set(kRounding);
-  s.weights = L::inverse(stiffness * L::set(from.length));
+  s.stiffness = of_nodes(from.node_stiffness);
+  s.rounding = s.stiffness * L::set(kRounding);
+  s.weights = L::inverse(s.stiffness * L::set(from.length));
   s.tolerance = from.tolerance;
-  s.realigns = from.realigns;
-  if (s.realigns) {
-    const V total = sum_of_nodes(s.anchor_stiffness);
-    s.total = total[0];
-    s.centre = sum_of_nodes(s.anchor_stiffness * s.anchors) * L::inverse(total);
-    const V offsets = s.anchors - s.centre;
-    s.offsets = s.anchor_stiffness * offsets;
-    s.spread = dot(s.offsets, offsets);
-  }
   return s;
+}
+
+ASTERISM_INLINE void prepare_alignment(System& s) {
+  s.realigns = true;
+  const V total = sum_of_nodes(s.anchor_stiffness);
+  s.total = total[0];
+  s.centre = sum_of_nodes(s.anchor_stiffness * s.anchors) * L::inverse(total);
+  const V offsets = s.anchors - s.centre;
+  s.offsets = s.anchor_stiffness * offsets;
+  s.spread = dot(s.offsets, offsets);
+}
+
+// What the kernels serve.
+ASTERISM_INLINE bool is_served(const FourNodes& nodes, const System& s) {
+  return nodes.length > 0 && (L::bits(L::less(L::set(0), s.link_stiffness)) & 0x3FU) == 0x3F;
 }
 
 // As detail::align.
@@ -113,6 +120,14 @@ struct Value {
   double energy;
 };
 
+// The links' ends apart. In the last two lanes, the first link stands once more, without stiffness.
+ASTERISM_INLINE V along_x(V a) {
+  return pick(a, indices(0, 0, 0, 2, 2, 4, 0, 0)) - pick(a, indices(2, 4, 6, 4, 6, 6, 2, 2));
+}
+ASTERISM_INLINE V along_y(V a) {
+  return pick(a, indices(1, 1, 1, 3, 3, 5, 1, 1)) - pick(a, indices(3, 5, 7, 5, 7, 7, 3, 3));
+}
+
 // A node's three links, on the diagonal of H.
 ASTERISM_INLINE V on_diagonal(V anchors, V x, V y) {
   return (anchors + to_nodes(x, y, 0, 0, 1, 2)) + (to_nodes(x, y, 1, 3, 3, 4) + to_nodes(x, y, 2, 4, 5, 5));
@@ -126,9 +141,7 @@ ASTERISM_INLINE V column(V diagonal, V x, V y, int a, int b, int c, int d) {
 
 // Energy, gradient and the columns of H, or of its clamped form. False where two nodes coincide.
 ASTERISM_INLINE bool evaluate(const System& s, V x, bool clamp, Value& value, V* columns) {
-  // In the last two lanes, the first link stands once more, without stiffness.
-  const V dx = pick(x, indices(0, 0, 0, 2, 2, 4, 0, 0)) - pick(x, indices(2, 4, 6, 4, 6, 6, 2, 2));
-  const V dy = pick(x, indices(1, 1, 1, 3, 3, 5, 1, 1)) - pick(x, indices(3, 5, 7, 5, 7, 7, 3, 3));
+  const V dx = along_x(x), dy = along_y(x);
   const V square = L::fma(dx, dx, dy * dy);
   if (L::bits(L::at_most(L::set(kLeastSquare), square)) != 0xFF) [[unlikely]]
     return false;
@@ -183,30 +196,27 @@ ASTERISM_INLINE void eliminate(const System& s, V* columns, V& right_side, Pivot
   constexpr int k = 2 * kNode;
   constexpr auto kPair = static_cast<Mask>(3U << k);
   constexpr auto kOthers = static_cast<Mask>(~kPair);
-  V p = pick(columns[k], k);
-  const V b = pick(columns[k], k + 1);
-  V q = pick(columns[k + 1], k + 1);
-  V determinant = L::fnma(b, b, p * q);
-  const V rounding = pick(s.rounding, k);
-  if (!(p[0] > rounding[0] && determinant[0] > rounding[0] * p[0] && determinant[0] > 0x1p-900 &&
-        determinant[0] < 0x1p900)) [[unlikely]] {
-    const double first = repaired(p[0], rounding[0], pivots.definite), ratio = b[0] / first;
-    const double second = repaired(q[0] - ratio * b[0], rounding[0], pivots.definite);
-    p = L::set(first);
-    q = L::set(second + ratio * b[0]);
-    determinant = L::set(first * second);
+  // Scalars, as processors divide whole vectors in twice the time.
+  double p = pick(columns[k], k)[0], q = pick(columns[k + 1], k + 1)[0];
+  const double b = pick(columns[k], k + 1)[0];
+  double determinant = __builtin_fma(-b, b, p * q);
+  const double rounding = pick(s.rounding, k)[0];
+  if (!(p > rounding && determinant > rounding * p && determinant > 0x1p-900 && determinant < 0x1p900))
+      [[unlikely]] {
+    p = repaired(p, rounding, pivots.definite);
+    q = repaired(q - b / p * b, rounding, pivots.definite);
+    determinant = p * q;
   }
-  pivots.first[kNode] = p[0];
-  pivots.determinant[kNode] = determinant[0];
-  const V inverse_p = L::inverse(p);
-  const V inverse_second = p * L::inverse(determinant);  // both divisions at once
+  pivots.first[kNode] = p;
+  pivots.determinant[kNode] = determinant;
+  const V inverse_p = L::set(1 / p), inverse_second = L::set(p / determinant);
   // In the pair's own rows, minus the unit matrix stands for the columns, and 0 for the others' values.
   const V first =
       _mm512_mask_mov_pd(columns[k], kPair, _mm512_mask_sub_pd(L::set(0), 1U << k, L::set(0), L::set(1)));
   const V second =
       _mm512_mask_mov_pd(columns[k + 1], kPair, _mm512_mask_sub_pd(L::set(0), 2U << k, L::set(0), L::set(1)));
   // Not by the pair's inverse matrix, whose rounding grows as the determinant falls.
-  const V ratio = b * inverse_p;
+  const V ratio = L::set(b) * inverse_p;
   const V rest = L::fnma(ratio, first, second);
   const auto update = [&](V& a) ASTERISM_INLINED {
     const V at_first = pick(a, k), at_second = L::fnma(ratio, at_first, pick(a, k + 1));
@@ -248,8 +258,8 @@ bool may_turn_indefinite(const FourNodes& at, const Pivots& pivots, double squar
 }
 
 // Newton::search.
-ASTERISM_INLINE bool search(FourNodes& at, const System& s, V direction, double decrement, bool clamp, V& x,
-                            Value& here, V* columns) {
+ASTERISM_INLINE bool search(FourNodesSearch& at, const System& s, V direction, double decrement, bool clamp,
+                            V& x, Value& here, V* columns) {
   if (!(decrement > 0)) return false;
   const double rounding = rounding_of(here.energy);
   double t = 1;
@@ -274,8 +284,8 @@ ASTERISM_INLINE bool search(FourNodes& at, const System& s, V direction, double 
 }
 
 // Newton::finish.
-ASTERISM_INLINE bool finish(FourNodes& at, const System& s, V direction, Pivots& pivots, V& x, Value& here,
-                            V* columns) {
+ASTERISM_INLINE bool finish(FourNodesSearch& at, const System& s, V direction, Pivots& pivots, V& x,
+                            Value& here, V* columns) {
   V next_x = x - direction;
   if (s.realigns) next_x = aligned(s, next_x);
   Value next;
@@ -284,7 +294,7 @@ ASTERISM_INLINE bool finish(FourNodes& at, const System& s, V direction, Pivots&
   if (!(next.energy <= here.energy + rounding_of(here.energy) && is_stationary(s, next.gradient)))
     return false;
   const V moved = next_x - x;
-  if (may_turn_indefinite(at, pivots, dot(moved, moved))) {
+  if (may_turn_indefinite(at.nodes, pivots, dot(moved, moved))) {
     ++at.factorizations;
     solve(s, columns, next.gradient, pivots);
   }
@@ -295,7 +305,7 @@ ASTERISM_INLINE bool finish(FourNodes& at, const System& s, V direction, Pivots&
 }
 
 // Newton::iterate. Where it ends early, Newton begins with the same matrix at the same x.
-ASTERISM_INLINE void iterate(FourNodes& at, const System& s, V& x, Value& here, V* columns) {
+ASTERISM_INLINE void iterate(FourNodesSearch& at, const System& s, V& x, Value& here, V* columns) {
   while (true) {
     const bool stationary = is_stationary(s, here.gradient);
     if (!stationary && at.iterations == at.max_iterations) return;
@@ -323,12 +333,41 @@ ASTERISM_INLINE void iterate(FourNodes& at, const System& s, V& x, Value& here, 
   }
 }
 
+// hold_of_body of free_motion.hpp, less what is rounding beside the links' stiffness.
+ASTERISM_INLINE bool is_held(const System& s, V x) {
+  const V inverse = L::inverse(sum_of_nodes(s.anchor_stiffness));
+  const V q = s.anchors - sum_of_nodes(s.anchor_stiffness * s.anchors) * inverse;
+  const V p = x - sum_of_nodes(s.anchor_stiffness * x) * inverse;
+  const V margin = s.anchor_stiffness * L::fma(p, p, q * q) * L::set(0.5e-4) +
+                   s.stiffness * (p * p) * L::set(512 * kEpsilon);
+  return sum_all(L::fma(s.anchor_stiffness * p, q, -margin))[0] > 0;
+}
+
+// Whether all pivots are above 64 times their rounding, whatever the order of sums.
+ASTERISM_INLINE bool is_clear(const FourNodes& at, const Pivots& pivots) {
+  bool clear = pivots.definite;
+  for (int i = 0; i < 4; ++i) {
+    const double least = 64 * kRounding * at.node_stiffness[i];
+    clear = clear && pivots.first[i] > least && pivots.determinant[i] > least * pivots.first[i];
+  }
+  return clear;
+}
+
+// Whether the links are long enough to have a direction, see ImplicitSolver.
+ASTERISM_INLINE bool has_directions(const FourNodes& at, V x, V square) {
+  const V squares = x * x, of_node = squares + swap_xy(squares);
+  const V extent = L::fma(L::set(2), of_node, L::set(at.length * at.length));
+  const V least = L::max(extent * L::set(8 * kRounding * kRounding), L::set(8 * kLeastSquare));
+  return _mm512_reduce_min_pd(square) > _mm512_reduce_max_pd(least);
+}
+
 }  // namespace
 
-bool iterate_four_nodes_avx512(FourNodes& at);
-bool iterate_four_nodes_avx512(FourNodes& at) {
-  const System system = load(at);
-  if (!(at.length > 0) || (L::bits(L::less(L::set(0), system.link_stiffness)) & 0x3FU) != 0x3FU) return false;
+bool iterate_four_nodes_avx512(FourNodesSearch& at);
+bool iterate_four_nodes_avx512(FourNodesSearch& at) {
+  System system = load(at.nodes);
+  if (!is_served(at.nodes, system)) return false;
+  if (at.realigns) prepare_alignment(system);
   V x = L::load(at.x), columns[8];
   Value here;
   at.evaluations = 1;
@@ -339,6 +378,40 @@ bool iterate_four_nodes_avx512(FourNodes& at) {
   constexpr double kClear = 1e-9;
   if (!(here.energy < (1 - kClear) * first)) return false;
   L::store(at.x, x);
+  return true;
+}
+
+bool differentiate_four_nodes_avx512(const FourNodes& at, const FourNodesGradient& gradient);
+bool differentiate_four_nodes_avx512(const FourNodes& at, const FourNodesGradient& gradient) {
+  System system = load(at);
+  system.tolerance /= 2;
+  if (!is_served(at, system)) return false;
+  const V x = L::load(gradient.x);
+  V columns[8];
+  Value value;
+  if (!evaluate(system, x, false, value, columns)) return false;
+  Pivots pivots;
+  const V lambda = solve(system, columns, L::load(gradient.by_x), pivots);
+
+  // dL/d(values) = -lambda^T dg/d(values), as Sensitivity::differentiate.
+  const V by_anchors = system.anchor_stiffness * lambda;
+  const V work = lambda * (system.anchors - x), by_anchor_stiffness = work + swap_xy(work);
+  const V dx = along_x(x), dy = along_y(x), square = L::fma(dx, dx, dy * dy);
+  const V inverse = L::inverse_sqrt(square);
+  const V apart = L::fma(dx, along_x(lambda), dy * along_y(lambda)) * inverse;  // how fast it moves the ends
+  const V by_rest_length = system.link_stiffness * apart;
+  const V by_link_stiffness = L::fnms(square, inverse, -system.rest_length) * apart;
+
+  const V sizes = by_anchors * by_anchors + by_anchor_stiffness * by_anchor_stiffness +
+                  by_rest_length * by_rest_length + by_link_stiffness * by_link_stiffness;
+  if (!(has_directions(at, x, square) && is_stationary(system, value.gradient) && is_clear(at, pivots) &&
+        is_held(system, x) && sum_all(sizes)[0] < kInfinity))
+    return false;
+  L::store(gradient.by_anchors, by_anchors);
+  _mm256_storeu_pd(gradient.by_anchor_stiffness,
+                   _mm512_castpd512_pd256(pick(by_anchor_stiffness, indices(0, 2, 4, 6, 0, 0, 0, 0))));
+  _mm512_mask_storeu_pd(gradient.by_rest_length, 0x3F, by_rest_length);
+  _mm512_mask_storeu_pd(gradient.by_link_stiffness, 0x3F, by_link_stiffness);
   return true;
 }
 

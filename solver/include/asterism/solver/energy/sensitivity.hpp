@@ -8,6 +8,7 @@
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/base/scratch.hpp>
+#include <asterism/solver/energy/compiled_four_nodes.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/free_motion.hpp>
 #include <asterism/solver/energy/hessian.hpp>
@@ -287,6 +288,20 @@ class ImplicitSolver {
     return SensitivityStatus::Computed;
   }
 
+  /// What of `backward` the compiled library has in vectors: the derivatives by `values` for dL/dx = `by_x`,
+  /// of valid input. False if it does not serve, or one of the tests of `factorize` is not clearly passed.
+  bool differentiate_compiled(const System& system, const Points& x, const Points& by_x, double tolerance,
+                              SystemTangent<System>& values) {
+    if constexpr (kHasFourNodes<System>) {
+      return is_four_nodes(system) && rule_.set(system, x, tolerance) &&
+             lanes_v0_1::differentiate_four_nodes(
+                 four_nodes(system, rule_),
+                 {x.data(), by_x.data(), values.anchors.data(), values.anchor_stiffness.data(),
+                  values.link_stiffness.data(), values.rest_length.data()});
+    }
+    return false;
+  }
+
   /// Whether d of link_difference, at the x of factorize, has a direction that is more than rounding.
   bool has_direction(const Point& d) const {
     const Scalar square = d.squaredNorm();
@@ -438,6 +453,9 @@ class ImplicitSolver {
 /// link between nodes in one place, of rest length 0 or stiffness 0, has no direction: the derivatives by its
 /// rest length and its stiffness, which would be opposite for opposite directions, are their mean, 0.
 ///
+/// asterism::solver_compiled computes those of four linked nodes in the plane, in double and by reverse mode,
+/// in vectors of AVX-512 where the processor has them; they may differ in their last digits.
+///
 /// A loss or potential of a user has derivatives by its own parameters if it declares
 ///   static constexpr int kParameters = P;
 ///   std::array<Scalar, P> first_by_parameters(Scalar s) const;             // loss: d rho'(s) / d parameters
@@ -469,12 +487,16 @@ class Sensitivity {
         return refuse(result, Defect{"grad_x", -1, "must have one column for each node"});
       if (const int i = detail::first_column_not_finite(grad_x); i >= 0)
         return refuse(result, Defect{"grad_x of node", i, "is not finite"});
+      result.set_zero(system);
+      if (solver.differentiate_compiled(system, x, grad_x, options.stationarity, result)) {
+        result.status = SensitivityStatus::Computed;
+        return;
+      }
       result.status = solver.factorize(system, x, options.stationarity, result.message);
       if (!result) return;
       solver.right = grad_x;
       detail::clear_fixed(system, solver.right);
       solver.solve(solver.right, solver.lambda);
-      result.set_zero(system);
       differentiate(solver, system, x, result);
       if (!is_finite(result)) out_of_range(result);
     };

@@ -5,13 +5,13 @@
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/compiled_four_nodes.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/free_motion.hpp>
 #include <asterism/solver/energy/hessian_operator.hpp>
 #include <asterism/solver/energy/newton_matrix.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/method/descent.hpp>
-#include <asterism/solver/method/four_nodes.hpp>
 #include <asterism/solver/method/saddle.hpp>
 #include <asterism/solver/run/compiled.hpp>
 #include <asterism/solver/run/options.hpp>
@@ -104,19 +104,9 @@ class Newton {
   // What of `iterate` the compiled library has in vectors. False, with nothing changed, if it does not serve.
   bool iterate_compiled(const System& system, Points& x, Summary& summary, bool& converged) {
     if constexpr (detail::kHasFourNodes<System>) {
-      if (system.nodes() != 4 || session_.watches() || system.fixed_count() != 0 ||
-          !system.topology().is_full() || system.has_offsets() || system.has_loads())
-        return false;
-      lanes_v0_1::FourNodes at{system.anchors.data(),
-                               system.anchor_stiffness.data(),
-                               system.link_stiffness.data(),
-                               system.rest_length.data(),
-                               session_.node_stiffness().data(),
-                               session_.length(),
-                               session_.tolerance(),
-                               options.max_iterations,
-                               realign_,
-                               x.data()};
+      if (session_.watches() || !detail::is_four_nodes(system)) return false;
+      lanes_v0_1::FourNodesSearch at{detail::four_nodes(system, session_), options.max_iterations, realign_,
+                                     x.data()};
       if (!lanes_v0_1::iterate_four_nodes(at)) return false;
       session_.evaluate(system, x);  // rounded as all other energies
       energy_ = session_.energy();
