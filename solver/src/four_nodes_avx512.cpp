@@ -209,14 +209,13 @@ ASTERISM_INLINE void eliminate(const System& s, V* columns, V& right_side, Pivot
   }
   pivots.first[kNode] = p;
   pivots.determinant[kNode] = determinant;
-  const V inverse_p = L::set(1 / p), inverse_second = L::set(p / determinant);
+  const V inverse_p = L::set(1 / p), ratio = L::set(b / p), inverse_second = L::set(p / determinant);
   // In the pair's own rows, minus the unit matrix stands for the columns, and 0 for the others' values.
   const V first =
       _mm512_mask_mov_pd(columns[k], kPair, _mm512_mask_sub_pd(L::set(0), 1U << k, L::set(0), L::set(1)));
   const V second =
       _mm512_mask_mov_pd(columns[k + 1], kPair, _mm512_mask_sub_pd(L::set(0), 2U << k, L::set(0), L::set(1)));
   // Not by the pair's inverse matrix, whose rounding grows as the determinant falls.
-  const V ratio = L::set(b) * inverse_p;
   const V rest = L::fnma(ratio, first, second);
   const auto update = [&](V& a) ASTERISM_INLINED {
     const V at_first = pick(a, k), at_second = L::fnma(ratio, at_first, pick(a, k + 1));
