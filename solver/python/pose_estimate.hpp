@@ -156,15 +156,17 @@ inline Middle Part::middle() const {
   return result;
 }
 
-/// The medians of 7 numbers around each, fewer at the ends; NaN counts as missing.
+/// The medians of 7 numbers around each, fewer at the ends and of few numbers, so that not all are of the
+/// same ones; NaN counts as missing.
 inline Numbers running_median(const Numbers& path) {
   constexpr Index kHalf = 3;
   const auto size = static_cast<Index>(path.size());
+  const Index half = std::clamp<Index>((size - 3) / 2, 0, kHalf);
   Numbers result(path.size());
   for (Index t = 0; t < size; ++t) {
     double sorted[2 * kHalf + 1];
     Index n = 0;
-    for (Index k = std::max<Index>(t - kHalf, 0); k < std::min(t + kHalf + 1, size); ++k) {
+    for (Index k = std::max<Index>(t - half, 0); k < std::min(t + half + 1, size); ++k) {
       const double value = path[static_cast<std::size_t>(k)];
       if (std::isnan(value)) continue;
       Index to = n++;
@@ -227,7 +229,7 @@ inline Scales Part::first_guess(const Middle& middle) const {
   }
   if (!(scales.extent > 0)) scales.extent = 1 / typical;
   const double smallest = 1e-4 * scales.extent * typical;
-  double noise = 1;
+  double noise = 2e-3 * std::sqrt(*std::max_element(of.area, of.area + of.views));
   scales.motion.assign(joints.size(), scales.extent * scales.extent);
   if (frames > 2) {
     noises.erase(std::remove_if(noises.begin(), noises.end(), [](double n) { return std::isnan(n); }),

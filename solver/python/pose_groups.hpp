@@ -230,7 +230,8 @@ class Groups {
   static void check(double failed) {
     if (failed != 0)
       throw std::invalid_argument(
-          "detections: numbers that are too large or too small for their joint's path");
+          "detections: numbers that are too large or too small for their joint's path, or times that are too "
+          "close");
   }
 
  private:

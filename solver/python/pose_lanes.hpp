@@ -20,6 +20,7 @@ constexpr double kTwoPi = 6.283185307179586;
 inline Lanes* lanes(double* p) { return reinterpret_cast<Lanes*>(p); }
 inline const Lanes* lanes(const double* p) { return reinterpret_cast<const Lanes*>(p); }
 inline Lanes greater(Lanes a, Lanes b) { return a > b ? a : b; }
+inline Lanes less(Lanes a, double b) { return a < b ? a : Lanes{} + b; }
 
 /// The error [px] of a joint if it is at x, without the view's offset, and its derivative.
 template <int Dim>
@@ -105,7 +106,7 @@ struct Kernel {
         Lanes expected = variance, surprise = base;
         if constexpr (Dim == 2) {  // what the others predict, with the uncertainty that the motion leaves
           const Lanes others = greater(1.0 - lanes(g.weight)[i] * s[0], Lanes{} + 1e-3);
-          expected = variance + s[0] / others;
+          expected = less(variance + s[0] / others, 1 / (kTwoPi * g.rarity[v]));  // it is in the image
           surprise = 1.0 + greater(square - 2.0 * s[0], Lanes{}) / (others * others * kDetection * expected);
         }
         const Lanes prior = lanes(g.prior)[i];
@@ -260,7 +261,8 @@ struct Kernel {
     Lanes greatest{};
     for (std::ptrdiff_t t = 0; t < g.frames - 2; ++t) {
       lanes(g.stiffness)[t] = lanes(g.calm)[t] * scale;
-      greatest = greater(greatest, lanes(g.stiffness)[t]);
+      const double* a = g.coefficients + t * 3;  // 1 in frames that are 1 apart, for any unit of time
+      greatest = greater(greatest, lanes(g.stiffness)[t] * (a[0] * a[2]));
     }
     *lanes(g.weak) = greater(Lanes{} + g.least_weak, g.weak_share * greatest);
   }

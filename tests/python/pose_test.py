@@ -184,6 +184,25 @@ class FuseTest(unittest.TestCase):
         there = pose.fuse(seen, None, scaled, times=np.arange(120) / 50)
         np.testing.assert_allclose(there.points / 1000, found.points, rtol=0, atol=1e-5)
         np.testing.assert_allclose(there.covariance / 1e6, found.covariance, rtol=1e-2, atol=1e-9)
+        frame = seen.swapaxes(0, 1)
+        stream = pose.Stream(found, cameras)
+        followed = [stream.push(f).points for f in frame]
+        for unit in (1e-9, 1e6, 1e9):  # of time: also micro- and nanoseconds
+            times = unit * np.arange(120)
+            there = pose.fuse(seen, None, cameras, times=times)
+            np.testing.assert_array_equal(there.outliers, found.outliers)
+            np.testing.assert_allclose(there.points, found.points, rtol=0, atol=1e-6)
+            np.testing.assert_allclose(there.motion * unit**1.5, found.motion, rtol=1e-5)
+            stream = pose.Stream(there, cameras)
+            away = np.abs(np.array([stream.push(f, t).points for f, t in zip(frame, times)]) - followed)
+            self.assertLess(np.mean(away > 1e-4), 0.01)  # rounding decides what a few jumps are
+            swapped = seen[:, :, [1, 0, 2, 3]][:, :60]
+            some = np.concatenate([swapped, seen[:, 60:]], 1)
+            np.testing.assert_array_equal(pose.exchange_back(some, [(0, 1)], times).swapped, pose.exchange_back(some, [(0, 1)]).swapped)
+        found = pose.fuse(seen[:2])  # as if both saw one image
+        there = pose.fuse(seen[:2] * 1e-4)
+        np.testing.assert_array_equal(there.outliers, found.outliers)
+        np.testing.assert_allclose(there.points * 1e4, found.points, rtol=0, atol=1e-6)
 
     def test_masks_and_gaps_are_missing(self):
         truth, seen, _, cameras = recording(8, frames=100)
@@ -198,10 +217,29 @@ class FuseTest(unittest.TestCase):
 
     def test_few_frames(self):
         truth, seen, _, cameras = recording(9, frames=5, outliers=0, missing=0)
-        for frames in (1, 2, 3, 5):
+        for frames in (1, 2, 3, 4, 5):
             found = pose.fuse(seen[:, :frames], None, cameras)
             self.assertLess(np.linalg.norm(found.points - truth[:frames], axis=-1).max(), 0.1)
             self.assertTrue(np.isfinite(found.covariance).all())
+
+    def test_few_frames_of_joints_that_turn(self):
+        """Three or four frames are no reason to assume that joints move in straight lines."""
+        for frames in (3, 4):
+            error, free = [], []
+            for seed in range(8):
+                truth, seen, _, cameras = recording(seed, frames=9 * frames, outliers=0, missing=0)
+                truth, seen = truth[::9], seen[:, ::9]
+                error.append(pose.fuse(seen, None, cameras).points - truth)
+                free.append([pose.fuse(seen[:, [t]], None, cameras).points[0] - truth[t] for t in range(frames)])
+            self.assertLess(np.std(error), 1.2 * np.std(free))
+
+    def test_few_frames_of_one_view(self):
+        """Nothing contradicts them."""
+        for frames in (1, 2):
+            seen = np.random.default_rng(frames).uniform(0, 500, (1, frames, 5, 2))
+            found = pose.fuse(seen)
+            self.assertFalse(found.outliers.any())
+            np.testing.assert_allclose(found.points, seen[0], rtol=0, atol=0.1)
 
     def test_regions_hold_in_frames_that_a_view_misses(self):
         # Each view is off by some pixels in all frames: 100 recordings of one joint that hardly moves, as one recording of 100 joints.
@@ -409,7 +447,8 @@ class FuseTest(unittest.TestCase):
             ((seen, None, cameras), {"times": times}, "times: expected rising times, found 6.0 before 6.0 at frame 7"),
             ((seen, None, cameras), {"times": np.full(20, np.nan)}, "times: expected finite numbers"),
             ((seen, None, cameras, [(0, 4)]), {}, "skeleton: expected pairs of two joints, 0 to 3"),
-            ((seen, None, cameras, [(1, 1)]), {}, "skeleton: expected pairs"),
+            *(((seen, None, cameras, limbs), {}, "skeleton: expected pairs") for limbs in ([(1, 1)], [0, 1, 2], [(0, 1, 2), (0, 2, 3)], [(0, 1), (2,)], [(0.0, 1.0)], 3)),
+            *(((seen, None, cameras), {"pairs": pairs}, "pairs: expected pairs") for pairs in ([(0.5, 1)], [("a", "b")], [0, 1], [(0, 1, 2)], 3)),
         ]
         for arguments, options, words in cases:
             with self.subTest(words), self.assertRaisesRegex(ValueError, words) as caught:
@@ -495,7 +534,7 @@ class StreamTest(unittest.TestCase):
         before = stream.points
         infinite = seen[:, 1].copy()
         infinite[0, 0, 0] = np.inf
-        for arguments, words in [((seen[:, 1, :1],), "detections: expected shape"), ((infinite,), "infinite in frame 1"), ((seen[:, 1], 5.0), "rising times, found 5.0 in frame 1"), ((seen[:, 1], np.nan), "rising times"), ((seen[:, 1], 6.0, np.full((3, 2), 2.0)), "confidence")]:
+        for arguments, words in [((seen[:, 1, :1],), "detections: expected shape"), ((infinite,), "infinite in frame 1"), ((seen[:, 1], 5.0), "rising times, found 5.0 in frame 1"), ((seen[:, 1], np.nan), "rising times"), ((seen[:, 1], 6.0, np.full((3, 2), 2.0)), "confidence"), ((seen[:, 1], 6.0, np.ones(6)), "confidence"), ((np.where([True, False], 1.0, np.nan) * seen[:, 1], 6.0), "only one coordinate")]:
             with self.subTest(words), self.assertRaisesRegex(ValueError, words):
                 stream.push(*arguments)
         np.testing.assert_array_equal(stream.points, before)
@@ -541,7 +580,7 @@ class SwapTest(unittest.TestCase):
 
     def test_bad_input(self):
         seen = np.zeros((5, 3, 2))
-        for arguments, words in [((seen[0], [(0, 1)]), "detections: expected shape"), ((seen, [(0, 1), (1, 2)]), "at most once"), ((seen, [(0, 3)]), "0 to 2"), ((seen, [(0, 1)], [0, 1, 1, 2, 3]), "rising")]:
+        for arguments, words in [((seen[0], [(0, 1)]), "detections: expected shape"), ((seen, [(0, 1), (1, 2)]), "at most once"), ((seen, [(0, 3)]), "0 to 2"), ((seen + np.inf, [(0, 1)]), "finite"), ((seen, [(0, 1)], [0, 1, 1, 2, 3]), "rising")]:
             with self.subTest(words), self.assertRaisesRegex(ValueError, words):
                 pose.exchange_back(*arguments)
 
@@ -576,9 +615,17 @@ class FilesTest(unittest.TestCase):
         self.assertEqual(camera.name, "left")
         np.testing.assert_array_equal(camera.translation, [1, 2, 3])
 
+    def test_one_animal_of_several(self):
+        rest = "\nbodyparts,a,a,b,b\ncoords,x,y,x,y\n0,1,2,3,4\n"
+        one = pose.read_detections(self.write("scorer,n,n,n,n\nindividuals,m,m,m,m" + rest))
+        self.assertEqual(one.joints, ["a", "b"])
+        np.testing.assert_array_equal(one.points, [[[1, 2], [3, 4]]])
+        with self.assertRaisesRegex(ValueError, "a.csv: expected one animal, found 2"):
+            pose.read_detections(self.write("scorer,n,n,n,n\nindividuals,m,m,w,w" + rest))
+
     def test_bad_files(self):
         header = "bodyparts,a,a,a\ncoords,x,y,likelihood\n"
-        for text, words in [("", "empty"), (header, "no frames"), (header + "0,1,2\n", "a.csv:3: expected 4 cells, found 3"), (header + "0,1,2,three\n", "a.csv:3: not a number: 'three'"), (header + "\n0,1,2,three\n", "a.csv:4: not a number: 'three'"), ("bodyparts,a\ncoords,x\n0,1\n", "joint a has no column y"), ("frame,a_x,a_x\n0,1,2\n", "once each")]:
+        for text, words in [("", "empty"), (header, "no frames"), (header + "0,1,2\n", "a.csv:3: expected 4 cells, found 3"), (header + "0,1,inf,1\n", "a.csv:3: infinite"), (header + "0,1,2,three\n", "a.csv:3: not a number: 'three'"), (header + "\n0,1,2,three\n", "a.csv:4: not a number: 'three'"), ("bodyparts,a\ncoords,x\n0,1\n", "joint a has no column y"), ("frame,a_x,a_x\n0,1,2\n", "once each")]:
             with self.subTest(words), self.assertRaisesRegex(ValueError, words):
                 pose.read_detections(self.write(text))
         for text, words in [("[a", "a.toml: "), ("x = 1\n", "no cameras"), ("[c]\nmatrix = [1]\n", "c: no rotation"), ("[c]\nmatrix = [1]\nrotation = [0,0,0]\ntranslation = [0,0,0]\n", "c: camera c: matrix: expected shape")]:
@@ -709,7 +756,7 @@ class ToolTest(unittest.TestCase):
             ([self.files[0], "--skeleton", self.write("s.csv", "knee,toe\nknee,tail\n")], "s.csv:2: no joint is named tail"),
             ([self.files[0], "--skeleton", self.write("e.csv", "")], "e.csv: no limbs"),
             ([self.files[0], "--times", self.write("t.txt", "0\none\n")], "t.txt:2: not a number: 'one'"),
-            ([self.files[0], "--times", self.write("u.txt", "0\n1\n")], "times: expected shape"),
+            ([self.files[0], "--times", self.write("u.txt", "0\n1\n")], "u.txt: has 2 times for"),
             ([self.files[0], "--pairs", "knee"], "expected LEFT:RIGHT"),
             ([self.files[0], "--pairs", "knee:tail"], "no joint is named tail"),
             ([other, "--pairs", "names"], "differ in left and right"),

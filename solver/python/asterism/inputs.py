@@ -15,7 +15,7 @@ from ._asterism import _numbers as numbers
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 
-__all__ = ["array", "brief", "by_node", "entries", "is_sparse", "numbers", "pairs_of", "processors", "square"]
+__all__ = ["array", "brief", "by_node", "entries", "is_sparse", "joint_pairs", "numbers", "pairs_of", "processors", "square"]
 
 # numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
 # become `missing`; where there is none, and for anything else than an array of real numbers, TypeError. ValueError for another shape.
@@ -40,7 +40,7 @@ def brief(result: Any) -> str:
         else:
             text = f"{len(value)} of them" if isinstance(value, (list, dict)) else str(value)
         facts.append(f"{field.name} {text}")
-    place = "asterism.pose" if type(result).__module__ == "asterism.pose" else "asterism"
+    place = "asterism.pose" if type(result).__module__.startswith("asterism.pose") else "asterism"
     return f"<{place}.{type(result).__name__}: {', '.join(facts)}>"
 
 
@@ -52,6 +52,19 @@ def processors() -> int:
 def is_sparse(matrix: Any) -> bool:
     """Whether it is a matrix of scipy.sparse."""
     return hasattr(matrix, "tocoo")
+
+
+def joint_pairs(pairs: Any, name: str, joints: int) -> _Indices:
+    """Pairs of two joints (P, 2). ValueError for anything else."""
+    try:
+        found = np.array(list(pairs))
+    except (TypeError, ValueError):
+        found = np.zeros(1)
+    if found.size == 0 and found.ndim == 1:
+        return np.zeros((0, 2), np.intp)
+    if found.shape[1:] != (2,) or found.dtype.kind not in "iu" or not ((found >= 0) & (found < joints)).all() or (found[:, 0] == found[:, 1]).any():
+        raise ValueError(f"{name}: expected pairs of two joints, 0 to {joints - 1}")
+    return found.astype(np.intp)
 
 
 def square(matrix: Any, name: str, hints: dict[int, str] | None = None) -> int:

@@ -32,9 +32,12 @@ class _Recording:
         self, sights: _Floats, is_seen: npt.NDArray[np.bool_], belief: _Floats, times: _Floats, cameras: _Floats, area: _Floats,
         deviation: _Floats | None = None,
     ):
-        self.is_seen, self.belief, self.times, self.deviation = is_seen, belief, times, deviation
+        # Of all estimates the unit of time is that of a typical frame, as the least motion is one in a frame.
+        self.frame_time = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+        self.times = (times - times[0]) / self.frame_time
+        self.is_seen, self.belief, self.deviation = is_seen, belief, deviation
         self.dim = 3 if len(cameras) else 2
-        self.compiled = _asterism._PoseRecording(sights, is_seen, belief, times, cameras, area, deviation)
+        self.compiled = _asterism._PoseRecording(sights, is_seen, belief, self.times, cameras, area, deviation)
 
 
 @dataclasses.dataclass

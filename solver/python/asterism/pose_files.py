@@ -66,8 +66,8 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
 def read_detections(path: str | os.PathLike[str]) -> Detections:
     """Key-points of one view: a table as DeepLabCut writes it (.csv, or .h5), SLEAP's analysis file (.h5, .hdf5), or a plain table.
 
-    Two or three header lines of the first are scorer, bodyparts and coords; a plain table has one line, NAME_x, NAME_y and perhaps NAME_likelihood or
-    NAME_z. HDF5 needs h5py: ImportError without it. OSError if the file cannot be read, ValueError with file and line if it is no such table.
+    The header lines of the first are scorer, individuals (of one animal), bodyparts and coords, of which the first two may be left out; a plain table
+    has one line, NAME_x, NAME_y and perhaps NAME_likelihood or NAME_z. HDF5 needs h5py: ImportError without it. OSError if the file cannot be read, ValueError with file and line if it is no such table.
     """
     if pathlib.Path(path).suffix.lower() in (".h5", ".hdf5"):
         return _read_hdf5(path)
@@ -81,10 +81,13 @@ def read_detections(path: str | os.PathLike[str]) -> Detections:
     rows = [row for _, row in numbered]
     if not rows:
         raise ValueError(f"{name}: empty")
-    head = {row[0].strip().lower(): row[1:] for row in rows[:3]}
+    head = {row[0].strip().lower(): row[1:] for row in rows[:4]}
     if "coords" in head and "bodyparts" in head:
         first = 1 + next(line for line, row in enumerate(rows) if row[0].strip().lower() == "coords")
         columns = list(zip(head["bodyparts"], head["coords"]))
+        animals = set(head.get("individuals", ()))
+        if len(animals) > 1:
+            raise ValueError(f"{name}: expected one animal, found {len(animals)}")
     else:
         first, columns = 1, [tuple(title.rsplit("_", 1)) if "_" in title else (title, "") for title in rows[0][1:]]
     _places(columns, list(dict.fromkeys(joint for joint, _ in columns)), name)
@@ -97,6 +100,8 @@ def read_detections(path: str | os.PathLike[str]) -> Detections:
                 found[k] = float(cell) if cell.strip() else np.nan
             except ValueError:
                 raise ValueError(f"{name}:{number}: not a number: {cell!r}") from None
+            if np.isinf(found[k]):
+                raise ValueError(f"{name}:{number}: infinite")
     if not len(values):
         raise ValueError(f"{name}: no frames")
     return _of_columns(columns, values, [row[0] for row in rows[first:]], name)

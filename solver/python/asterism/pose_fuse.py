@@ -75,9 +75,9 @@ def fuse(
     """
     cameras = None if cameras is None else list(cameras)
     recording, limbs, pixels = _checked(detections, confidence, cameras, skeleton, times, deviation)
-    couples = [] if pairs is None else list(pairs)
+    couples = inputs.joint_pairs(() if pairs is None else pairs, "pairs", pixels.shape[2])
     swapped = np.zeros((*recording.is_seen.shape[:2], len(couples)), bool)
-    if couples:
+    if len(couples):
         exchanged = exchange_back(pixels, couples, recording.times)
         swapped = exchanged.swapped
         belief = None if confidence is None else exchanged.apply(recording.belief, couples)
@@ -98,7 +98,7 @@ def fuse(
     image = np.array([camera.project(points) for camera in cameras]) if recording.dim == 3 else np.array([points] * len(recording.is_seen))
     return FusedPose(
         points, _matrices(covariance), ~np.isnan(pixels[..., 0]) & (found.probability < 0.5), swapped, lengths, deviations, image,
-        scales.noise, np.sqrt(scales.motion), scales.offset, scales.disagreement,
+        scales.noise, np.sqrt(scales.motion) / recording.frame_time**1.5, scales.offset, scales.disagreement,
     )
 
 
@@ -138,15 +138,12 @@ def _checked(
     if (np.diff(when) <= 0).any():
         t = int(np.argmax(np.diff(when) <= 0))
         raise ValueError(f"times: expected rising times, found {when[t]} before {when[t + 1]} at frame {t + 1}")
-    limbs = np.zeros((0, 2), np.intp) if skeleton is None else np.array(list(skeleton)).reshape(-1, 2)
-    if len(limbs) and (limbs.dtype.kind not in "iu" or (limbs < 0).any() or (limbs >= joints).any() or (limbs[:, 0] == limbs[:, 1]).any()):
-        raise ValueError(f"skeleton: expected pairs of two joints, 0 to {joints - 1}")
+    limbs = inputs.joint_pairs(() if skeleton is None else skeleton, "skeleton", joints)
     if cameras is None:
         sights = np.zeros((views, frames, joints, 6))
         sights[..., :2], sights[..., 2], sights[..., 5] = pixels, 1, 1
         poses = np.zeros((0, 12))
-        low, high = np.nanmin(pixels, (0, 1, 2)) if not is_missing.all() else 0, np.nanmax(pixels, (0, 1, 2)) if not is_missing.all() else 0
-        area = np.full(views, max(float(np.prod(high - low)), 1.0))
+        area = np.full(views, _area(pixels))
     else:
         poses, area = _calibration(cameras, pixels)
         sights = _sights(cameras, pixels)
@@ -159,6 +156,13 @@ def _checked(
             sight[~seen, 2:] = np.median(sight[seen, 2:], 0)
     known = None if deviation is None else _deviation(deviation, is_seen)
     return _Recording(sights, is_seen, np.clip(belief, 0.01, 1), when, poses, area, known), limbs, pixels
+
+
+def _area(pixels: _Floats) -> float:
+    """Of what is seen (.., 2) [px^2], in which an outlier may be anywhere. Detections on a line have a narrow one."""
+    seen = pixels[~np.isnan(pixels[..., 0])]
+    size = np.ptp(seen, 0) if len(seen) else np.zeros(2)
+    return float(np.prod(np.maximum(size, 1e-3 * size.max()))) if size.any() else 1.0
 
 
 def _sights(cameras: list[Camera], pixels: _Floats) -> _Floats:
@@ -198,7 +202,7 @@ def _calibration(cameras: list[Camera], pixels: _Floats) -> tuple[_Floats, _Floa
     for view, camera in enumerate(cameras):
         seen = pixels[view][~np.isnan(pixels[view, ..., 0])]
         if camera.size is None:
-            area[view] = max(float(np.prod(np.ptp(seen, 0))), 1.0) if len(seen) else 1.0
+            area[view] = _area(seen)
             continue
         area[view] = np.prod(camera.size)
         is_outside = ((seen < -0.05 * camera.size) | (seen > 1.05 * camera.size)).any(-1)

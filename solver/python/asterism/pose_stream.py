@@ -12,7 +12,7 @@ import numpy.typing as npt
 from . import _asterism, inputs
 from .cameras import Camera
 from .pose_estimate import _Floats
-from .pose_fuse import FusedPose, _calibration
+from .pose_fuse import FusedPose, _area, _calibration
 
 
 #: After so many frames in which all detections of a joint are outliers its path begins again.
@@ -54,7 +54,7 @@ class Stream:
             raise ValueError(f"cameras: the recording has points in {recorded.points.shape[2]} dimensions")
         seen = recorded.reprojections
         poses = np.zeros((0, 12))
-        area = np.maximum(np.prod(np.ptp(seen, axis=(1, 2)), -1), 1.0)
+        area = np.array([_area(view) for view in seen])
         if cameras is not None:
             poses, area = _calibration(cameras, seen)
         self._shape = views, joints
@@ -89,12 +89,16 @@ class Stream:
             raise ValueError(f"detections: expected shape {(views, joints, 2)}, found {pixels.shape}")
         if np.isinf(pixels).any():
             raise ValueError(f"detections: infinite in frame {self._frame}")
+        is_missing = np.isnan(pixels)
+        if (is_missing[..., 0] != is_missing[..., 1]).any():
+            raise ValueError(f"detections: only one coordinate is missing in frame {self._frame}")
         belief = self._belief
         if confidence is not None:
-            belief = inputs.numbers(confidence, "confidence", missing=np.nan).reshape(-1, joints)
-            belief = np.where(np.isnan(pixels[..., 0]), 1, belief)
-            if belief.shape != (views, joints) or not ((belief >= 0) & (belief <= 1)).all():
+            belief = inputs.numbers(confidence, "confidence", missing=np.nan)
+            belief = belief[None] if belief.ndim == 1 else belief
+            if belief.shape != (views, joints) or not (np.isnan(pixels[..., 0]) | ((belief >= 0) & (belief <= 1))).all():
                 raise ValueError(f"confidence: expected {(views, joints)} numbers, 0 to 1, in frame {self._frame}")
+            belief = np.where(np.isnan(pixels[..., 0]), 1, belief)
         when = self._time + 1 if time is None else float(time)
         if not math.isfinite(when) or (self._frame > 0 and when <= self._time):
             raise ValueError(f"time: expected rising times, found {when} in frame {self._frame}")

@@ -30,7 +30,11 @@ class Exchanged:
         found = np.array(inputs.numbers(values, "values", missing=np.nan))
         if found.shape[: self.swapped.ndim - 1] != self.swapped.shape[:-1]:
             raise ValueError(f"values: expected shape {(*self.swapped.shape[:-1], '..')}, found {found.shape}")
-        _exchange(found, self.swapped, list(pairs))
+        joints = found.shape[self.swapped.ndim - 1] if found.ndim >= self.swapped.ndim else 0
+        couples = inputs.joint_pairs(pairs, "pairs", joints)
+        if len(couples) != self.swapped.shape[-1]:
+            raise ValueError(f"pairs: expected {self.swapped.shape[-1]}, found {len(couples)}")
+        _exchange(found, self.swapped, couples)
         return found
 
     __repr__ = inputs.brief
@@ -61,20 +65,23 @@ def exchange_back(detections: npt.ArrayLike, pairs: Iterable[tuple[int, int]], t
     Each view and pair is decided on its own, by an exact minimum over all choices of frames (min-sum over a chain whose states are the labels of two neighbouring
     frames): changes of velocity have Student's t distribution with one degree of freedom, of a scale that is their median, so that a jump which
     both choices have, or an outlier, costs little. Frames that see one joint of the pair alone go to the nearer path. If most frames are swapped, the
-    result is swapped: nothing in a path says which side is left. ValueError for other shapes, bad pairs and times that do not rise.
+    result is swapped: nothing in a path says which side is left. ValueError for other shapes, infinite numbers, bad pairs and times that do not rise.
     """
     found = np.array(inputs.numbers(detections, "detections", missing=np.nan))
     if found.ndim not in (3, 4) or found.shape[-1] != 2:
         raise ValueError(f"detections: expected shape (views, frames, joints, 2) or (frames, joints, 2), found {found.shape}")
     views = found[None] if found.ndim == 3 else found
     frames, joints = views.shape[1:3]
-    couples = [(int(a), int(b)) for a, b in pairs]
-    members = [joint for pair in couples for joint in pair]
-    if len(set(members)) < len(members) or not all(0 <= joint < joints for joint in members):
+    if np.isinf(found).any():
+        raise ValueError("detections: expected finite numbers, or NaN")
+    couples = inputs.joint_pairs(pairs, "pairs", joints)
+    if len(np.unique(couples)) < couples.size:
         raise ValueError(f"pairs: expected pairs of two joints, 0 to {joints - 1}, each joint at most once")
     when = np.arange(frames, dtype=float) if times is None else inputs.array(times, "times", (frames,))
     if not np.isfinite(when).all() or (np.diff(when) <= 0).any():
         raise ValueError("times: expected finite, rising times")
+    if frames > 1:
+        when = (when - when[0]) / np.median(np.diff(when))
     swapped = np.zeros((len(views), frames, len(couples)), bool)
     for view, path in enumerate(views):
         for p, (a, b) in enumerate(couples):
@@ -83,7 +90,7 @@ def exchange_back(detections: npt.ArrayLike, pairs: Iterable[tuple[int, int]], t
     return Exchanged(found, swapped[0] if found.ndim == 3 else swapped)
 
 
-def _exchange(values: _Floats, swapped: npt.NDArray[np.bool_], pairs: list[tuple[int, int]]) -> None:
+def _exchange(values: _Floats, swapped: npt.NDArray[np.bool_], pairs: npt.NDArray[np.intp]) -> None:
     """In place; joints are the axis of values after those of the frames."""
     for p, (a, b) in enumerate(pairs):
         where = swapped[..., p]

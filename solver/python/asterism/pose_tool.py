@@ -63,6 +63,8 @@ def _run(options: argparse.Namespace) -> str:
     cameras = None if options.cameras is None else _cameras(options.cameras, options.views)
     skeleton = None if options.skeleton is None else _skeleton(options.skeleton, first.joints)
     times = None if options.times is None else _times(options.times)
+    if times is not None and len(times) != len(first.points):
+        raise ValueError(f"{options.times}: has {len(times)} times for {len(first.points)} frames")
     confidence = np.array([view.confidence for view in views]) if options.confidence else None
     pairs = _pairs(options.pairs, first.joints)
     found = pose.fuse(np.array([view.points for view in views]), confidence, cameras, skeleton, times, pairs)
