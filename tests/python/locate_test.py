@@ -47,6 +47,20 @@ class LocateTest(unittest.TestCase):
                 np.testing.assert_allclose(fix.covariance, gauss_newton, atol=np.abs(gauss_newton).max())
             self.assertFalse(fix.outliers.any())
 
+    def test_minima_in_curved_valleys_are_stationary(self):
+        """Far from few beacons, of different certainty, a valley along a circle has hardly any slope."""
+        for seed in range(80):
+            rng, dim, cutoff = np.random.default_rng(seed), 2 + seed % 2, None if seed % 4 == 0 else 3.0
+            beacons = rng.normal(0, 1, (dim + 1 + seed % 3, dim))
+            sigma = 10 ** rng.uniform(-2, 0.5, len(beacons))
+            ranges = np.abs(np.linalg.norm(rng.normal(0, 60, dim) - beacons, axis=1) + sigma * rng.normal(size=len(beacons)))
+            for minimum in asterism.locate(beacons, ranges, sigma, cutoff=cutoff, max_cells=20_000).minima:
+                found = residuals(minimum.x, beacons, ranges, sigma)
+                slope = np.where(np.abs(found) < (cutoff or np.inf), found / sigma, 0)
+                gradient = slope @ ((minimum.x - beacons) / np.linalg.norm(minimum.x - beacons, axis=1)[:, None])
+                self.assertGreater(np.linalg.eigvalsh(minimum.covariance).min(), 0)
+                self.assertLess(0.5 * gradient @ minimum.covariance @ gradient, 1e-6)
+
     def test_outliers(self):
         beacons = np.array(SQUARE + [[5, 12], [-4, 4], [14, 4]], float)
         tag = np.array([3.0, 2.0])

@@ -190,6 +190,7 @@ class PositionSearch {
     return sum;
   }
 
+  void return_to_valley(const Vector<D>& from, Vector<D>& x) const;
   double descend(Vector<D>& x, Symmetric<D>& hessian) const;
   bool has_barrier(const Vector<D>& x, double e, const Minimum<D>& other) const;
   int keep(const Vector<D>& x, double e, const Symmetric<D>& hessian);
@@ -238,59 +239,87 @@ class PositionSearch {
   double of_outliers_[kLanes];  ///< what outliers add in each lane
 };
 
+/// Steps across a curved valley only: where ranges are much more certain than what tells places along it
+/// apart, a straight step leaves it. The valley is that of the inliers before the step.
+template <int D>
+void PositionSearch<D>::return_to_valley(const Vector<D>& from, Vector<D>& x) const {
+  for (int turn = 0; turn < 3; ++turn) {
+    Vector<D> gradient = constant<D>(0);
+    Symmetric<D> across = Symmetric<D>::zero();
+    for (int i = 0; i < given_.count; ++i) {
+      const Vector<D> p = from_beacon(x, i);
+      const double w = given_.weight[i], d = length(p), stretch = d - given_.range[i];
+      const double before = norm(from_beacon(from, i)) - given_.range[i];
+      if (0.5 * w * before * before >= outlier_) continue;
+      for (int k = 0; k < D; ++k) gradient[k] += w * stretch / d * p[k];
+      across.add(w / (d * d), p);
+    }
+    if (across.trace() == 0) return;
+    const Vector<D> step = across.shifted(1e-3 * across.trace()).inverse().times(gradient);
+    for (int k = 0; k < D; ++k) x[k] -= step[k];
+  }
+}
+
 /// Damped Newton to a local minimum; saddle points are left along their negative curvature.
 template <int D>
 double PositionSearch<D>::descend(Vector<D>& x, Symmetric<D>& hessian) const {
   Vector<D> gradient;
   double e = evaluate(x, gradient, hessian), damping = 0;
   int escapes = 0;
+  const auto minus = [](Vector<D> from, double factor, const Vector<D>& step) {
+    for (int k = 0; k < D; ++k) from[k] -= factor * step[k];
+    return from;
+  };
   for (int iteration = 0; iteration < 1000; ++iteration) {
+    const double rounding =
+        std::max(1e-14 * (1 + e), 4e-16 * std::sqrt(2 * e * total_) * (extent_ + norm(x)));
+    const bool is_definite = hessian.is_definite();
+    if (is_definite) {
+      const Vector<D> step = hessian.inverse().times(gradient);
+      if (0.5 * dot(step, gradient) <= rounding) {
+        const Vector<D> y = minus(x, 1, step);
+        if (energy(y) <= e + rounding) x = y;
+        break;
+      }
+    }
     Symmetric<D> matrix = hessian.shifted(damping);
     double shift = damping;
     while (!matrix.is_definite() && shift < 1e30 * total_) {
-      shift = shift == 0 ? 1e-8 * total_ : 3 * shift;
+      shift = shift == 0 ? 1e-16 * total_ : 3 * shift;
       matrix = hessian.shifted(shift);
     }
-    if (shift > 0 && escapes < 8 && dot(gradient, gradient) <= 1e-16 * total_ * total_ * reach_ * reach_ &&
-        !hessian.is_definite()) {
-      ++escapes;
+    const Vector<D> step = matrix.inverse().times(gradient);
+    const double decrease = 0.5 * dot(step, gradient);
+    if (!is_definite && decrease <= 1e-16 * (1 + e)) {
       const Vector<D> along = lowest_direction(hessian);
       bool is_lower = false;
-      for (double step = 1e-3 * reach_; step > 1e-10 * reach_ && !is_lower; step *= 0.5) {
-        Vector<D> y = x;
-        for (int k = 0; k < D; ++k) y[k] += step * along[k];
+      for (double size = 1e-3 * reach_; escapes < 8 && size > 1e-10 * reach_ && !is_lower; size *= 0.5) {
+        const Vector<D> y = minus(x, -size, along);
         is_lower = energy(y) < e;
         if (is_lower) x = y;
       }
       if (!is_lower) break;
+      ++escapes;
       e = evaluate(x, gradient, hessian);
       damping = 0;
       continue;
     }
-    const Vector<D> step = matrix.inverse().times(gradient);
-    const double decrease = 0.5 * dot(step, gradient);
-    Vector<D> y = x;
-    for (int k = 0; k < D; ++k) y[k] -= step[k];
-    if (decrease <= 1e-20 * (1 + e)) {
-      if (damping > 0) {
-        damping = 0;
-        continue;
-      }
-      x = y;
-      break;
-    }
-    Vector<D> next_gradient;
+    Vector<D> y = minus(x, 1, step), next_gradient;
     Symmetric<D> next_hessian;
-    const double next = evaluate(y, next_gradient, next_hessian);
+    double next = evaluate(y, next_gradient, next_hessian);
+    if (next > e) {
+      return_to_valley(x, y);
+      next = evaluate(y, next_gradient, next_hessian);
+    }
     if (next <= e) {
       x = y;
       e = next;
       gradient = next_gradient;
       hessian = next_hessian;
-      damping = damping < 1e-8 * total_ ? 0 : damping / 8;
+      const double least = hessian.is_definite() ? hessian.least_of_definite() : 0;
+      damping = damping < std::max(0.1 * least, 1e-16 * total_) ? 0 : damping / 8;
     } else {
-      if (decrease < 1e-14 * (1 + e) && shift == 0) break;
-      damping = std::max(8 * shift, 1e-6 * total_);
+      damping = std::max(shift > 0 ? 8 * shift : matrix.least_of_definite(), 1e-16 * total_);
       if (damping > 1e12 * total_) break;
     }
   }
