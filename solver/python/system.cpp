@@ -509,6 +509,25 @@ void append(TermHandle& self, const py::object& nodes, const py::kwargs& given) 
                            "'");
     }
   }
+  const auto check = [&](const Term& changed) {
+    if (const std::string problem = changed.defect(self.owner().system().nodes()); !problem.empty())
+      throw py::value_error(problem);
+  };
+  const std::unique_ptr<Term> changed = term.clone();
+  if (term.size() == 0) {  // numbers of former elements hold where no others are given
+    changed->set_nodes(added);
+    for (const Column& column : term.columns()) {
+      const std::string name(column.name);
+      if (given.contains(name.c_str()))
+        changed->values(name) = column_of(column, term.dim(), count, given[name.c_str()], name);
+      else if (column.values.size() == 0 && !column.is_optional)
+        throw py::type_error("append: " + name + " is missing");
+    }
+    check(*changed);
+    term.set_nodes(added);
+    for (const Column& column : changed->columns()) term.values(column.name) = column.values;
+    return;
+  }
   std::vector<MatrixXd> values;
   for (const Column& column : term.columns()) {
     const std::string name(column.name);
@@ -531,10 +550,8 @@ void append(TermHandle& self, const py::object& nodes, const py::kwargs& given) 
     if (more.cols() != count) more = more.replicate(1, count).eval();
     values.push_back(std::move(more));
   }
-  const std::unique_ptr<Term> changed = term.clone();
   changed->append(added, values);
-  if (const std::string problem = changed->defect(self.owner().system().nodes()); !problem.empty())
-    throw py::value_error(problem);
+  check(*changed);
   term.append(added, values);
 }
 

@@ -458,6 +458,29 @@ class TermTest(unittest.TestCase):
         with self.assertRaises(IndexError):
             links.remove([2])
 
+    def test_append_after_the_last_element(self):
+        for count in (1, 3):
+            system = asterism.System(5)
+            links = system.add_links([[0, 1], [1, 2], [2, 3]][:count], [3, 4, 5][:count], 2)
+            anchors = system.add_anchors(np.eye(5, 2)[:count], 1, information=np.tile(np.eye(2), (count, 1, 1)), nodes=range(count))
+            for term in links, anchors:
+                term.remove(range(count))
+                self.assertEqual(len(term), 0)
+            with self.assertRaisesRegex(ValueError, "length: expected finite numbers >= 0, found nan"):
+                links.append([[0, 4]], length=np.nan)
+            links.append([[0, 4], [1, 4]], length=[6, 7])
+            anchors.append([1, 2], position=[[1, 2], [3, 4]], information=[[[2, 0], [0, 3]], [[4, 0], [0, 5]]])
+            other = asterism.System(5)
+            other.add_links([[0, 4], [1, 4]], [6, 7], 2)
+            other.add_anchors([[1, 2], [3, 4]], 1, information=[[[2, 0], [0, 3]], [[4, 0], [0, 5]]], nodes=[1, 2])
+            x = rng.normal(size=(5, 2))
+            self.assertEqual(system.energy(x), other.energy(x))
+            links.append([[2, 3]], length=8)
+            self.assertEqual((links.length.tolist(), len(links)), ([6, 7, 8], 3))
+        with self.assertRaisesRegex(TypeError, "length is missing"):
+            links.remove(range(3))
+            links.append([[2, 3]])
+
     def test_nodes_and_terms_come_and_go(self):
         system, corners, links = square()
         anchors = system.terms[0]

@@ -162,8 +162,13 @@ void Term::append(const Eigen::MatrixXi& nodes, std::span<const Eigen::MatrixXd>
     raise(std::invalid_argument(std::string(kind_) + ": " + what));
   };
   if (nodes.rows() != arity()) wrong("an element has " + std::to_string(arity()) + " nodes");
-  const auto is_shared = [this](const Column& c) {
-    return c.values.size() == 0 ? c.is_optional : c.values.cols() == 1 && size() != 1;
+  const auto is_none = [](const Column& c) { return c.values.size() == 0 && c.is_optional; };
+  // Where the last element was removed, its numbers are left, and may be given for the new ones.
+  const bool is_new =
+      size() == 0 &&
+      std::ssize(values) == std::ssize(columns_) - std::count_if(columns_.begin(), columns_.end(), is_none);
+  const auto is_shared = [&](const Column& c) {
+    return is_none(c) || (c.values.cols() == 1 && size() != 1 && !is_new);
   };
   std::size_t next = 0;
   for (const Column& column : columns_) {
@@ -178,7 +183,9 @@ void Term::append(const Eigen::MatrixXi& nodes, std::span<const Eigen::MatrixXd>
   if (next != values.size()) wrong("more columns of numbers than it has for each element");
   next = 0;
   for (Column& column : columns_) {
-    if (!is_shared(column)) append_columns(column.values, values[next++]);
+    if (is_shared(column)) continue;
+    if (is_new) column.values.resize(column.values.rows(), 0);
+    append_columns(column.values, values[next++]);
   }
   append_columns(nodes_, nodes);
   look_for_all_pairs();
