@@ -134,6 +134,7 @@ class SurveyTest(unittest.TestCase):
         bad = good.copy()
         bad[1, 2] = -1
         for ranges, options, says in (
+            (np.float64(3), {}, r"ranges: expected shape \(N, N\), found \(\)"),
             (good[:5], {}, r"ranges: expected shape \(N, N\), found \(5, 6\)"),
             (bad, {}, "ranges: expected finite numbers >= 0"),
             (np.where(good > 5, np.inf, good), {}, "ranges: "),

@@ -52,7 +52,7 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     ValueError for bad input, and where a device, or a part of them, can move without changing a range.
     """
     given = inputs.numbers(ranges, "ranges", missing=np.nan)
-    count = len(given)
+    count = len(given) if given.ndim == 2 else 0
     if given.shape != (count, count):
         raise ValueError(f"ranges: expected shape (N, N), found {given.shape}")
     if dim not in (2, 3):
