@@ -14,6 +14,7 @@
 #include <functional>
 #include <iterator>
 #include <limits>
+#include <numeric>
 #include <ostream>
 #include <stdexcept>
 #include <string>
@@ -621,6 +622,23 @@ TEST(LinksOfAllPairs, AreFollowedAsTheyComeAndGo) {
   turned.row(0).swap(turned.row(1));
   links.set_nodes(turned);
   expect_sum("turned");
+}
+
+TEST(Terms, AppendAfterTheLastElementWasRemoved) {
+  for (const int count : {1, 3}) {
+    System system(5, 2);
+    const Eigen::Matrix2Xi pairs = all_pairs(3).leftCols(count);
+    Links& links = system.add_links(pairs, VectorXd::Constant(count, 3), VectorXd::Constant(count, 2));
+    std::vector<int> all(static_cast<std::size_t>(count));
+    std::iota(all.begin(), all.end(), 0);
+    links.remove(all);
+    links.append(Eigen::Vector2i(0, 4),
+                 std::vector<MatrixXd>{MatrixXd::Constant(1, 1, 5), MatrixXd::Constant(1, 1, 7)});
+    MatrixXd x = MatrixXd::Zero(2, 5);
+    x(0, 4) = 4;
+    EXPECT_EQ(links.size(), 1);
+    EXPECT_DOUBLE_EQ(links.energy(x, nullptr), 3.5);
+  }
 }
 
 System mixture(Rng& rng, int dim, bool smooth) {
