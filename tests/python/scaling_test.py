@@ -119,6 +119,12 @@ class MdsTest(unittest.TestCase):
         self.assertGreater(np.corrcoef(again.ravel(), away.ravel())[0, 1], 0.99)
 
     @unittest.skipUnless(sklearn, "needs scikit-learn")
+    def test_points_in_one_place(self):
+        for metric in (True, False):
+            scaled = MDS(metric=metric, random_state=0).fit(np.ones((6, 3)))
+            self.assertEqual(scaled.stress_, 0)
+            np.testing.assert_array_equal(scaled.embedding_, np.zeros((6, 2)))
+
     def test_isotonic_regression(self):
         from sklearn.isotonic import isotonic_regression
 

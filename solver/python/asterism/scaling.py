@@ -402,6 +402,8 @@ class MDS:
             order = np.lexsort((reached, lengths))  # equal distances may have unequal disparities
             disparities = np.empty(len(lengths))
             disparities[order] = _asterism._isotonic(reached[order], weights[order])
+            if not disparities.any():  # all distances are 0, and so are the places
+                return 0.0, x, iterations, disparities
             last, stress = stress, _stress_1(problem, x, disparities)
             if last - stress <= float(self.eps) * stress or iterations >= self.max_iter:
                 return stress, x, iterations, disparities
