@@ -121,7 +121,7 @@ class MdsTest(unittest.TestCase):
     @unittest.skipUnless(sklearn, "needs scikit-learn")
     def test_points_in_one_place(self):
         for metric in (True, False):
-            scaled = MDS(metric=metric, random_state=0).fit(np.ones((6, 3)))
+            scaled = asterism.MDS(metric=metric, random_state=0).fit(np.ones((6, 3)))
             self.assertEqual(scaled.stress_, 0)
             np.testing.assert_array_equal(scaled.embedding_, np.zeros((6, 2)))
 
