@@ -67,7 +67,8 @@ def read_detections(path: str | os.PathLike[str]) -> Detections:
     """Key-points of one view: a table as DeepLabCut writes it (.csv, or .h5), SLEAP's analysis file (.h5, .hdf5), or a plain table.
 
     The header lines of the first are scorer, individuals (of one animal), bodyparts and coords, of which the first two may be left out; a plain table
-    has one line, NAME_x, NAME_y and perhaps NAME_likelihood or NAME_z. HDF5 needs h5py: ImportError without it. OSError if the file cannot be read, ValueError with file and line if it is no such table.
+    has one line, NAME_x, NAME_y and perhaps NAME_likelihood or NAME_z. HDF5 needs h5py: ImportError without it. OSError if the file cannot be read,
+    ValueError with file and line if it is not such a table.
     """
     if pathlib.Path(path).suffix.lower() in (".h5", ".hdf5"):
         return _read_hdf5(path)
