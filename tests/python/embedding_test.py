@@ -142,6 +142,34 @@ class MdsTest(unittest.TestCase):
         groups.sort()
         for left, right in zip(groups, groups[1:]):
             self.assertGreater(right[0], left[-1])
+        self.assertEqual(found.parts, 3)
+        self.assertIn("3 unrelated parts", repr(found))
+        anchors = np.full((5, 2), np.nan)
+        anchors[[0, 4]] = [[1, 2], [3, 4]]
+        held = asterism.mds(distances, anchors=anchors)
+        self.assertEqual(held.parts, 2)  # the anchors relate two parts to each other
+        self.assertEqual(asterism.layout([(0, 1), (2, 3)]).parts, 2)
+        self.assertEqual(asterism.layout([(0, 1), (2, 3)], method="sgd").parts, 2)
+        self.assertEqual(asterism.layout([(0, 1), (1, 2)]).parts, 1)
+        self.assertNotIn("parts", repr(asterism.layout([(0, 1), (1, 2)])))
+
+    def test_nothing_is_proven_of_nothing(self):
+        """Without any distance every placement has the least stress."""
+        unknown = np.full((4, 4), np.nan)
+        for known in (
+            lambda: asterism.mds(unknown),
+            lambda: asterism.mds(np.ones((4, 4)), np.zeros((4, 4))),
+            lambda: asterism.mds(np.ma.masked_all((4, 4))),
+            lambda: asterism.mds(scipy.sparse.csr_matrix((4, 4))),
+            lambda: asterism.MDS(dissimilarity="precomputed").fit(unknown),
+            lambda: asterism.MDS(dissimilarity="precomputed", metric=False).fit(unknown),
+        ):
+            with self.assertRaisesRegex(ValueError, "no distance is known: every pair of the 4 nodes"):
+                known()
+        anchored = asterism.mds(unknown, anchors=np.arange(8.0).reshape(4, 2))
+        np.testing.assert_allclose(anchored.x, np.arange(8.0).reshape(4, 2))
+        self.assertEqual((anchored.parts, anchored.certified), (1, True))
+        self.assertEqual(asterism.mds([[0.0]]).parts, 1)
 
     def test_a_start_far_away_is_centred(self):
         """1e12 away, coordinates are rounded to 1e-4: nothing of that is left in the result, also not of two parts."""

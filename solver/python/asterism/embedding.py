@@ -45,6 +45,9 @@ class Embedding:
     system: _asterism.SpringSystem | None
     #: The nodes in the order of the rows of x: 0 .. N - 1, or those of the graph.
     nodes: list[Any]
+    #: How many parts the nodes are in that neither a known pair nor an anchor relates to each other: they are placed side by
+    #: side, and how they lie to each other means nothing, whatever is proven of the stress.
+    parts: int = 1
 
     @property
     def pos(self) -> dict[Any, _Floats]:
@@ -63,7 +66,8 @@ class Embedding:
     def __repr__(self) -> str:
         proven = "proven least" if self.certified else "nothing proven" if np.isnan(self.gap) else f"gap {self.gap:.3g}"
         n, dim = self.x.shape
-        return f"<asterism.Embedding: {n} nodes, dim {dim}, stress {self.stress:.6g}, {proven}>"
+        parts = f", {self.parts} unrelated parts" if self.parts > 1 else ""
+        return f"<asterism.Embedding: {n} nodes, dim {dim}, stress {self.stress:.6g}, {proven}{parts}>"
 
 
 def mds(
@@ -97,8 +101,9 @@ def mds(
         here), and for more nodes two: classical scaling, and the best placement of a sample of 100 of them, about which the others
         are placed. "staircase" searches for the least stress from above and below.
 
-    Parts that no known pair joins and no anchor holds are placed side by side. ValueError names what is wrong with the input.
-    The stress may have several local minima: `gap` says what is proven of the one found.
+    Parts that no known pair joins and no anchor holds are placed side by side: the result's `parts` counts them. ValueError names
+    what is wrong with the input, such as distances of which none is known, without anchors. The stress may have several local
+    minima: `gap` says what is proven of the one found.
     """
     _check_options("mds()", mds, method, options)
     _check_dim(dim)
@@ -106,6 +111,7 @@ def mds(
     stiffness = _weights_of(weights, pairs, n)
     pairs, lengths, stiffness = pairs[stiffness > 0], lengths[stiffness > 0], stiffness[stiffness > 0]
     at, hold = _anchors_of(anchors, anchor_weights, n, dim)
+    _check_any_known("distances", n, pairs, hold)
     given = None if start is None else inputs.array(start, "start", (n, dim))
     if given is not None and not np.isfinite(given).all():
         raise ValueError("start: expected finite numbers")
@@ -308,6 +314,17 @@ def _anchors_of(anchors: Any, anchor_weights: Any, n: int, dim: int) -> tuple[_F
         raise ValueError("anchor_weights: expected >= 0")
     at[~there] = 0
     return at, hold
+
+
+def _check_any_known(name: str, n: int, pairs: npt.NDArray[np.intp], hold: _Floats) -> None:
+    """ValueError if nothing is known of the nodes: any placement would be the least."""
+    if n > 1 and not len(pairs) and not (hold > 0).any():
+        raise ValueError(f"{name}: no distance is known: every pair of the {n} nodes is missing or has the weight 0")
+
+
+def _parts(components: list[_Indices], hold: _Floats) -> int:
+    is_held = _any_of_each(hold > 0, components)
+    return int(np.sum(~is_held)) + bool(is_held.any())
 
 
 def _check_range(lengths: _Floats, weights: _Floats, at: _Floats, hold: _Floats) -> None:
@@ -709,7 +726,7 @@ def _draw(
     if not (np.isfinite(stress) and np.isfinite(x).all()):
         raise ValueError(f"lengths of up to {unit}: another unit is needed, as the stress would leave the range of float64")
     x = _in_rows(x, components, hold, unit) if rules is None else x
-    return Embedding(x, stress, 0.0, 1.0 if stress > 0 else 0.0, None, summary, None, nodes)
+    return Embedding(x, stress, 0.0, 1.0 if stress > 0 else 0.0, None, summary, None, nodes, _parts(components, hold))
 
 
 def _free(
@@ -844,4 +861,4 @@ def embed(
     stress = 2 * _asterism.energy(system, x)
     lower_bound = min(max(2 * certificate.lower_bound if certificate else 0.0, 2 * summary.lower_bound, 0.0), stress)
     gap = proven_gap(stress, lower_bound, rounding_of(x, system.topology.links, lengths, weights))
-    return Embedding(x, stress, lower_bound, gap, certificate, summary, system, nodes)
+    return Embedding(x, stress, lower_bound, gap, certificate, summary, system, nodes, _parts(components, hold))

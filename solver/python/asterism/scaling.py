@@ -303,6 +303,7 @@ class MDS:
         at, hold = embedding._anchors_of(anchors, anchor_weights, n, int(self.n_components))
         if anchors is not None and not self.metric:
             raise ValueError("anchors: non-metric scaling has no unit, so its points have no places; use metric=True")
+        embedding._check_any_known("X", n, pairs, hold)
         embedding._check_range(lengths, stiffness, at, hold)
         return _Problem(pairs, lengths, stiffness, at, hold, *embedding.joined(n, pairs, lengths))
 
