@@ -283,10 +283,10 @@ struct DistributedSystem<kDim>::Impl {
   // move on two processes. A Schwarz that fails leaves its nodes where they were. With two turns, PETSc's
   // Newton took 3 to 7 steps for 1e5 nodes on two processes, with four 1 or 2, in less time.
   void minimise_locally(const DistributedOptions& options) {
-    using System = typename LocalSystem<kDim>::System;
-    System& system = local.system;
+    using OwnSystem = typename LocalSystem<kDim>::System;
+    OwnSystem& system = local.system;
     // Without alignment: the others' nodes would have to move too.
-    AnySolver<System> sweeps = system_solver<System>("schwarz", {{"align", false}});
+    AnySolver<OwnSystem> sweeps = system_solver<OwnSystem>("schwarz", {{"align", false}});
     sweeps.options().tolerance = options.tolerance;
     sweeps.options().stop = options.stop;
     std::vector<int> held;
