@@ -60,6 +60,7 @@ step "clang-tidy" bash tests/tidy.sh --analyze
 step "fuzzers" bash tests/fuzz.sh 1000000
 step "properties" env ASTERISM_PROPERTY_SYSTEMS=100000 build/release/tests/solver/solver_property_test
 step "hostile systems" env ASTERISM_HOSTILE_SYSTEMS=10000 build/release/tests/solver/solver_hostile_test
+step "intervals" env ASTERISM_INTERVAL_SYSTEMS=1000000 build/release/tests/solver/solver_interval_test
 for tracker in dpt dpt_plus; do
   step "soak of $tracker" build/release/tests/trackers/soak 100000 "$tracker"
 done

@@ -209,7 +209,9 @@ Certificate SystemProver::certify(const Eigen::MatrixXd& x, double gap) {
     has_loads = has_loads || (term.size() > 0 && term.role(0) == Term::Role::Pulls);
   }
   const double share = count * std::numeric_limits<double>::epsilon();
-  const double rounding = share * (std::abs(result.energy) + magnitude.energy);
+  // Squares of what is much smaller are 0.
+  const double rounding =
+      share * (std::abs(result.energy) + magnitude.energy) + count * std::numeric_limits<double>::min();
   // The least possible energy of springs is 0, but loads have none.
   result.lower_bound = has_loads ? -std::numeric_limits<double>::infinity() : 0;
   const bool is_definite = factor_.factorize(matrix_);

@@ -120,7 +120,9 @@ class Minoriser {
     coordinate_rounding *= 4 * kEpsilon * kEpsilon;
     terms = degree_.maxCoeff() + 1;
     const double count = n + static_cast<double>(system.link_count());
-    energy_rounding += count * (energy + loads_size_);
+    // Squares of what is much smaller are 0.
+    constexpr double kLeast = std::numeric_limits<double>::min() / kEpsilon;
+    energy_rounding += count * (energy + loads_size_ + kLeast);
   }
 
   /// W without the rows and columns of nodes that do not move, on whose diagonal is 1: calls
@@ -213,6 +215,10 @@ class Minoriser {
     energy += value;
     springs_size_ += value;
     energy_rounding += 4 * std::abs(value);
+    if constexpr (System::kAnisotropic) {  // d^T S d is rounded by more than its value where S d is nearly 0
+      const double size = offset.cwiseAbs().sum();
+      energy_rounding += 8 * k * size * size;
+    }
     gradient.col(i) = force.gradient;
     stiffness_[i] = scale[i] = k;
     gradient_scale[i] = k * offset.cwiseAbs().sum();
