@@ -503,8 +503,10 @@ void expect_true_springs(const char* of, std::uint64_t number, std::map<std::str
   Rng rng(number);
   const auto pick = [&rng](int count) { return static_cast<int>(rng.uniform(0, count - 1e-9)); };
   const int nodes = Springs::kNodes == Eigen::Dynamic ? 2 + pick(5) : Springs::kNodes;
-  auto [springs, start] = testing::random_system<Springs>(rng, Springs::TopologyType::full(nodes),
-                                                          testing::kKinds[static_cast<std::size_t>(pick(4))]);
+  auto drawn = testing::random_system<Springs>(rng, Springs::TopologyType::full(nodes),
+                                               testing::kKinds[static_cast<std::size_t>(pick(4))]);
+  Springs& springs = drawn.system;
+  const typename Springs::Points& start = drawn.start;
   using Scalar = typename Springs::Scalar;
   if (pick(2) == 0) springs.anchor_stiffness *= static_cast<Scalar>(std::pow(10, rng.uniform(-4, 1)));
   if (pick(6) == 0) springs.fix(pick(nodes));
