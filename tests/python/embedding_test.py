@@ -304,6 +304,10 @@ class LayoutTest(unittest.TestCase):
         with self.assertWarnsRegex(UserWarning, "3 of the nodes 0 to 5 have no edge, such as 2") as caught:
             self.assertEqual(len(asterism.layout([(0, 1), (1, 5)]).x), 6)
         self.assertEqual(caught.filename, __file__)
+        for many, message in ((10**8, "3 of the nodes 0 to 100000000 have an edge"), (2**31, "node 2147483648"), (2**70, "node")):
+            with self.assertRaisesRegex(ValueError, f"graph: {message}.*give numbers that only identify nodes as names"):
+                asterism.layout([(0, 1), (1, many)])
+        self.assertEqual(asterism.layout([("0", str(2**70))]).nodes, ["0", str(2**70)])
 
     def test_a_path_is_straight(self):
         for dim in (2, 3):

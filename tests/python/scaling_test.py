@@ -256,6 +256,8 @@ class MdsTest(unittest.TestCase):
             (lambda: precomputed(200).fit(good), ValueError, "a point has 1 to 64 coordinates, not 200"),
             (lambda: precomputed(n_init=0).fit(good), ValueError, "n_init: expected >= 1"),
             (lambda: precomputed(n_jobs=-2).fit(good), ValueError, "n_jobs: expected >= 1"),
+            (lambda: precomputed(eps="1e-3").fit(good), TypeError, "eps: expected numbers, found <U4"),
+            (lambda: precomputed(certify="no").fit(good), ValueError, "certify: expected True or False, found 'no'"),
             (lambda: precomputed(eps=0).fit(good), ValueError, "eps: expected a number > 0, found 0"),
             (lambda: precomputed(random_state="a").fit(good), TypeError, "random_state: expected an integer, found str"),
             (lambda: asterism.MDS(dissimilarity="cosine").fit(good), ValueError, "dissimilarity: expected 'euclidean' or 'precomputed', found 'cosine'"),

@@ -179,12 +179,27 @@ class StructuresTest(unittest.TestCase):
             ([good, good], [Joint(0, 1, length=-2)], {}, "joint 0 has a length that is negative"),
             ([good, good], [Joint(0, 1, length=2, reach=300)], {}, "joint 0 has a reach below 0 or above 255 px"),
             ([good, good[0]], [Joint(0, 1)], {}, r"map 1: expected two dimensions, found shape \(3,\)"),
-            ([good], [], {"count": 0}, "expected a count"),
+            ([good, good], [Joint(-1, 1)], {}, "joint 0: parent: expected >= 0, found -1"),
+            ([good], [], {"count": 0}, "count: expected >= 1, found 0"),
+            ([good], [], {"distance": np.nan}, "distance: expected >= 0, found nan"),
         ]:
             with self.assertRaisesRegex(ValueError, message):
                 pictorial_structure(maps, joints, **options)
         with self.assertRaisesRegex(TypeError, "map 0: expected numbers, found <U3"):
             pictorial_structure(["map"], [])
+        two, joint = [good, good], [Joint(0, 1)]
+        for call, message in [
+            (lambda: pictorial_structure(two, [(0, 1)]), r"joint 0: expected a Joint, found \(0, 1\)"),
+            (lambda: pictorial_structure(two, [Joint(0, 1.0)]), "joint 0: child: expected an integer, found float"),
+            (lambda: pictorial_structure(two, joint, count=2.0), "^count: expected an integer, found float"),
+            (lambda: asterism.m_best_placements(two, joint, count=2, distance="2"), "^distance: expected numbers"),
+            (lambda: asterism.loopy_structure(two, joint, max_iterations=9.5), "^max_iterations: expected an integer, found float"),
+            (lambda: asterism.loopy_structure(two, joint, progress=None), "^progress: expected numbers"),
+        ]:
+            with self.assertRaisesRegex(TypeError, message):
+                call()
+        with self.assertRaisesRegex(ValueError, r"scales: expected shape \(layers,\), found \(\)"):
+            asterism.scaled_structure([good[None]], [], 1.0)
         self.assertIn("pictorial_structure", asterism.__all__)
 
 

@@ -142,7 +142,7 @@ def layout(
     Directions of edges are ignored. Components are placed side by side, by the method "sgd" in rows.
 
     graph: a list of edges, (a, b) or (a, b, length), between nodes of any names that can be keys of a dict; if all are integers, the
-        nodes are 0 .. N - 1, with a warning for those that have no edge. Or an adjacency matrix (N, N), of NumPy or scipy.sparse,
+        nodes are 0 .. N - 1, with a warning for those that have no edge; numbers of which few are nodes are given as names (str). Or an adjacency matrix (N, N), of NumPy or scipy.sparse,
         whose entries other than 0 are the lengths of edges (a masked one is not an edge). Or a graph of networkx.
     length: the attribute that is the length of an edge of networkx; edges without it, and all edges for None, have the length 1.
         There is a warning if the edges have a "weight" instead, which may be a length or a strength.
@@ -180,6 +180,7 @@ def layout(
     n, unit = len(nodes), _unit(joined_lengths)
     if method is None:
         method = "lbfgs-jacobi" if partners is not None else "sgd" if n > _MANY else "multi-start"
+    power = inputs.number(power, "power")
     if method != "sgd":
         _check_options("layout()", layout, method, options)
     anchors, anchor_weights = inputs.by_node(anchors, "anchors", nodes), inputs.by_node(anchor_weights, "anchor_weights", nodes)
@@ -195,8 +196,8 @@ def layout(
         raise ValueError("partners: the method 'sgd' draws the pairs itself; give one of the two")
     if any(rule is not None for rule in (sizes, layers, downward, aligned, groups)):
         found = Rules(nodes, joined_nodes, dim, sizes, layers, downward, aligned, groups)
-        return _ruled(found, nodes, joined_nodes, joined_lengths, at, hold, given, float(power), method, partners, options)
-    return _free(nodes, edges, unit, components, at, hold, given, float(power), method, partners, options)
+        return _ruled(found, nodes, joined_nodes, joined_lengths, at, hold, given, power, method, partners, options)
+    return _free(nodes, edges, unit, components, at, hold, given, power, method, partners, options)
 
 
 def layout_stress(
@@ -209,6 +210,7 @@ def layout_stress(
 
     Takes memory of N and time of N^2, twice that if scaled.
     """
+    power = inputs.number(power, "power")
     nodes, edges, _, _ = _graph_of(graph, length)
     dim = np.shape(x)[1] if np.ndim(x) == 2 and np.shape(x)[1] in (2, 3) else 2
     points = inputs.array(x, "x", (len(nodes), dim))
@@ -218,9 +220,9 @@ def layout_stress(
         # Scaled first: the difference of sums that are much larger than the stress would be their rounding.
         points -= points.min(axis=0) / 2 + points.max(axis=0) / 2
         points /= np.abs(points).max() or 1.0
-        _, product, square = edges.stress_sums(points, float(power))
+        _, product, square = edges.stress_sums(points, power)
         points *= product / square if square > 0 else 1.0
-    return float(edges.stress_sums(points, float(power))[0])
+    return float(edges.stress_sums(points, power)[0])
 
 
 def _path_weights(lengths: _Floats, power: float) -> _Floats:
@@ -235,6 +237,8 @@ def _path_weights(lengths: _Floats, power: float) -> _Floats:
 
 def _check_options(of: str, function: Callable[..., Any], method: str, options: dict[str, Any]) -> None:
     """TypeError for an option that neither the function nor the method has."""
+    if not isinstance(method, str):
+        raise TypeError(f"method: expected a name, found {method!r}")
     own = [name for name, p in inspect.signature(function).parameters.items() if p.kind != p.VAR_KEYWORD]
     known = [*own, *(name for name in _asterism.Solver(method).options if name != "hold_floating"), "on_iteration"]
     for name in options:
@@ -249,18 +253,6 @@ def _check_dim(dim: int) -> None:
         raise TypeError(f"dim: expected an integer, found {type(dim).__name__}") from None
     if found not in (2, 3):
         raise ValueError(f"dim: expected 2 or 3, found {found}; the Python package has no other dimensions")
-
-
-def _count(value: Any, name: str, least: int = 1) -> int:
-    try:
-        found = operator.index(value)
-    except TypeError:
-        raise TypeError(f"{name}: expected an integer, found {type(value).__name__}") from None
-    if found < least:
-        raise ValueError(f"{name}: expected >= {least}, found {found}")
-    if found >= 2**31:
-        raise ValueError(f"{name}: expected < 2^31, found {found}")
-    return found
 
 
 # What mds is given instead of a matrix of distances.
@@ -410,10 +402,15 @@ def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[list[Any], npt.NDArr
         nodes = list(dict.fromkeys(ends))
         index = {node: k for k, node in enumerate(nodes)}
         return nodes, np.array([index[node] for node in ends], dtype=np.intp).reshape(-1, 2), values
-    pairs = np.array([operator.index(node) for node in ends], dtype=np.intp).reshape(-1, 2)
+    numbers = [operator.index(node) for node in ends]
+    if numbers and max(numbers) >= 2**31:
+        raise ValueError(f"graph: node {max(numbers)}: integers are the nodes 0 .. N - 1; give numbers that only identify nodes as names (str)")
+    pairs = np.array(numbers, dtype=np.intp).reshape(-1, 2)
     if len(pairs) and pairs.min() < 0:
         raise ValueError(f"graph: edge {int(pairs.min(axis=1).argmin())} has node {pairs.min()}; expected >= 0")
     n = int(pairs.max()) + 1 if len(pairs) else 0
+    if n > 1_000_000 and n > 100 * (found := len(np.unique(pairs))):
+        raise ValueError(f"graph: {found} of the nodes 0 to {n - 1} have an edge; give numbers that only identify nodes as names (str)")
     if len(alone := np.setdiff1d(np.arange(n), pairs)):
         warnings.warn(
             f"graph: {len(alone)} of the nodes 0 to {n - 1} have no edge, such as {alone[0]}; to leave them out, give the nodes names (str)",
@@ -705,7 +702,7 @@ def _draw(
     known = {"seed": (1, 0), "iterations": (0, 1), "threads": (0, 0)}  # by default and at least
     if unknown := [name for name in options if name not in known]:
         raise TypeError(names.no_option(f"method 'sgd' (the default over {_MANY} nodes)", unknown[0], list(known)))
-    values = {name: _count(options[name], name, least) if name in options else default for name, (default, least) in known.items()}
+    values = {name: inputs.count(options[name], name, least) if name in options else default for name, (default, least) in known.items()}
     _check_range(np.empty(0), np.empty(0), at, hold)
     if given is None:
         x = graph.pivot_start(at.shape[1])
@@ -750,7 +747,7 @@ def _free(
         weights = _path_weights(lengths, power)
     else:
         options = {"tolerance": 1e-6, **options}  # below it only long paths change, and take five times as long
-        pairs, lengths, shares = graph.partners(_count(partners, "partners"), 1)
+        pairs, lengths, shares = graph.partners(inputs.count(partners, "partners"), 1)
         weights = shares * _path_weights(lengths, power)
     return embed(
         *(nodes, pairs, lengths, weights, at, hold, given, at.shape[1], method, options, graph, components),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -15,7 +16,7 @@ from ._asterism import _numbers as numbers
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 
-__all__ = ["array", "brief", "by_node", "entries", "is_sparse", "joint_pairs", "numbers", "pairs_of", "processors", "square"]
+__all__ = ["array", "brief", "by_node", "count", "entries", "is_sparse", "joint_pairs", "number", "numbers", "pairs_of", "processors", "square"]
 
 # numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
 # become `missing`; where there is none, and for anything else than an array of real numbers, TypeError. ValueError for another shape.
@@ -24,6 +25,27 @@ __all__ = ["array", "brief", "by_node", "entries", "is_sparse", "joint_pairs", "
 def array(values: Any, name: str, shape: tuple[int, ...], missing: float | None = None) -> _Floats:
     """The numbers as an array of its own."""
     return np.array(numbers(values, name, shape, missing))
+
+
+def count(value: Any, name: str, least: int = 1) -> int:
+    """An integer of at least that."""
+    try:
+        found = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name}: expected an integer, found {type(value).__name__}") from None
+    if found < least:
+        raise ValueError(f"{name}: expected >= {least}, found {found}")
+    if found >= 2**31:
+        raise ValueError(f"{name}: expected < 2^31, found {found}")
+    return found
+
+
+def number(value: Any, name: str) -> float:
+    """A finite number."""
+    found = float(numbers(value, name, ()))
+    if not np.isfinite(found):
+        raise ValueError(f"{name}: expected a finite number, found {found}")
+    return found
 
 
 def brief(result: Any) -> str:

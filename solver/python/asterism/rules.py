@@ -55,6 +55,12 @@ def sizes_of(sizes: Any, n: int) -> _Floats:
     return values
 
 
+def _listed(values: Any, name: str, what: str) -> list[Any]:
+    if isinstance(values, str) or not (values is None or hasattr(values, "__iter__")):
+        raise TypeError(f"{name}: expected a list of {what}, found {values!r}")
+    return [] if values is None else list(values)
+
+
 class Rules:
     """The rules of layout's arguments, by the numbers of nodes."""
 
@@ -86,14 +92,14 @@ class Rules:
             self._order(edges, downward)
         self.aligned = np.full((n, dim), -1, dtype=np.int64)
         self.is_aligned = np.zeros(dim, dtype=bool)
-        for number, entry in enumerate(aligned if aligned is not None else ()):
+        for number, entry in enumerate(_listed(aligned, "aligned", "pairs of an axis and nodes")):
             if isinstance(entry, str) or not hasattr(entry, "__len__") or len(entry) != 2 or entry[0] not in tuple(_AXES[:dim]):
                 raise ValueError(f"aligned: entry {number} is {entry!r}; expected an axis of {', '.join(map(repr, _AXES[:dim]))}, and nodes")
             self._align(_AXES.index(entry[0]), self._numbers(entry[1], f"aligned: entry {number}"))
         self.groups = np.empty(0, dtype=np.int64)
         if groups is not None:
             self.groups = np.full(n, -1, dtype=np.int64)
-            for number, group in enumerate(groups):
+            for number, group in enumerate(_listed(groups, "groups", "lists of nodes")):
                 members = self._numbers(group, f"groups: group {number}")
                 if (self.groups[members] >= 0).any():
                     raise ValueError(f"groups: {nodes[members[self.groups[members] >= 0][0]]!r} is in two groups")
@@ -148,6 +154,13 @@ class Rules:
         if len(bad := np.flatnonzero(in_layer & ~np.isnan(fixed[:, 1]) & (fixed[:, 1] != self.layers))):
             raise ValueError(f"layers: {self._nodes[bad[0]]!r} is held on {fixed[bad[0]].tolist()}, which is not in its layer {self.layers[bad[0]]}")
         fixed[in_layer, 1] = self.layers[in_layer]
+        for axis in np.flatnonzero(self.is_aligned):
+            known = np.flatnonzero(~np.isnan(fixed[:, axis]) & (self.aligned[:, axis] >= 0))
+            first = dict(reversed(list(zip(self.aligned[known, axis], known))))
+            for node in known:
+                if fixed[node, axis] != fixed[other := first[self.aligned[node, axis]], axis]:
+                    a, b = self._nodes[other], self._nodes[node]
+                    raise ValueError(f"aligned: {a!r} and {b!r} have to be at {_AXES[axis]} {fixed[other, axis]} and {fixed[node, axis]}")
         more = np.arange(hubs)
         return _asterism._Rules(
             np.concatenate([self.sizes, np.zeros((hubs, 2))]) if len(self.sizes) else self.sizes,

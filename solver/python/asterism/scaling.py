@@ -169,7 +169,7 @@ class MDS:
             raise ValueError("weights: expected finite numbers >= 0")
         is_all = shares is not None or (self._fitted_features is None and bool(np.isnan(table).any()))
         chosen = np.arange(len(held))
-        if not is_all and embedding._count(among, "among") < len(held):
+        if not is_all and inputs.count(among, "among") < len(held):
             chosen = np.random.default_rng(0).permutation(len(held))[:among]
         places = np.ascontiguousarray(held[chosen])
         result = np.empty((count, dim))
@@ -234,20 +234,22 @@ class MDS:
 
     def _threads(self) -> int:
         jobs = 1 if self.n_jobs is None else self.n_jobs
-        return inputs.processors() if jobs == -1 else embedding._count(jobs, "n_jobs")
+        return inputs.processors() if jobs == -1 else inputs.count(jobs, "n_jobs")
 
     def _check(self) -> None:
-        embedding._count(self.n_components, "n_components")
+        inputs.count(self.n_components, "n_components")
         if self.n_init is not None:
-            embedding._count(self.n_init, "n_init")
-        embedding._count(self.max_iter, "max_iter")
+            inputs.count(self.n_init, "n_init")
+        inputs.count(self.max_iter, "max_iter")
         self._threads()
         if self.metric not in (True, False):
             raise ValueError(f"metric: expected True, or False for non-metric scaling, found {self.metric!r}")
-        if not np.isscalar(self.eps) or not 0 < float(self.eps) < np.inf:
+        if not inputs.number(self.eps, "eps") > 0:
             raise ValueError(f"eps: expected a number > 0, found {self.eps!r}")
         if self.dissimilarity not in ("euclidean", "precomputed"):
             raise ValueError(f"dissimilarity: expected 'euclidean' or 'precomputed', found {self.dissimilarity!r}")
+        if self.certify not in (True, False):
+            raise ValueError(f"certify: expected True or False, found {self.certify!r}")
         if self.normalized_stress not in (True, False, "auto"):
             raise ValueError(f"normalized_stress: expected True, False or 'auto', found {self.normalized_stress!r}")
         if self.loss not in _LOSSES:
@@ -265,7 +267,7 @@ class MDS:
             return int(state.randint(2**31 - 1))
         if isinstance(state, np.random.Generator):
             return int(state.integers(2**31 - 1))
-        return embedding._count(state, "random_state", 0)
+        return inputs.count(state, "random_state", 0)
 
     def _remember_columns(self, X: Any, n: int) -> None:
         self.n_features_in_ = n if self._fitted_features is None else self._fitted_features.shape[1]

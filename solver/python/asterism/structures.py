@@ -110,6 +110,9 @@ def scaled_structure(
     displacement in units of the scale of the parent's layer, and has a cost of the change of layers (layer_weight). Further
     placements have roots that are farther than distance [px] from the roots of those before them, in any layer.
     """
+    scales = inputs.numbers(scales, "scales")
+    if scales.ndim != 1:
+        raise ValueError(f"scales: expected shape (layers,), found {scales.shape}")
     layers = len(scales)
     stacks = []
     for number, stack in enumerate(maps):
@@ -118,7 +121,7 @@ def scaled_structure(
             raise ValueError(f"maps of part {number}: expected the shape ({layers}, height, width), found {stack.shape}")
         stacks.extend(stack)
     energy, positions, of_parts, root, marginals, placements = _asterism._scaled_structure(
-        *_problem(stacks, joints), inputs.numbers(scales, "scales"), *_several(count, distance)
+        *_problem(stacks, joints), scales, *_several(count, distance)
     )
     return ScaledResult(energy, positions, of_parts, root, np.stack(marginals), placements)
 
@@ -154,13 +157,14 @@ def loopy_structure(
     [units of the maps] of the least, or if ten iterations raise the bound by less than the share progress of its distance from the
     energy. ValueError also if no placement was found that the windows of lengths allow.
     """
-    return LoopyResult(*_asterism._loopy_structure(*_problem(maps, joints), tolerance, progress, max_iterations))
+    limits = inputs.number(tolerance, "tolerance"), inputs.number(progress, "progress"), inputs.count(max_iterations, "max_iterations")
+    return LoopyResult(*_asterism._loopy_structure(*_problem(maps, joints), *limits))
 
 
 def _several(count: int, distance: float) -> tuple[int, float]:
-    if count < 1 or not distance >= 0:
-        raise ValueError("expected a count of 1 or more, and a distance of 0 or more")
-    return count, distance
+    if not (found := float(inputs.numbers(distance, "distance", ()))) >= 0:
+        raise ValueError(f"distance: expected >= 0, found {found}")
+    return inputs.count(count, "count"), found
 
 
 # What the functions of _asterism take: the maps; for each joint its ends and four rows of four numbers, see discrete.cpp.
@@ -168,9 +172,11 @@ def _problem(maps: Iterable[npt.ArrayLike], joints: Iterable[Joint]) -> tuple[li
     ends: list[tuple[int, int]] = []
     costs: list[Any] = []
     for number, joint in enumerate(joints):
+        if not isinstance(joint, Joint):
+            raise TypeError(f"joint {number}: expected a Joint, found {joint!r}")
         if joint.shape not in _SHAPES:
             raise ValueError(f"joint {number}: expected the shape 'quadratic' or 'absolute', found {joint.shape!r}")
-        ends.append((operator.index(joint.parent), operator.index(joint.child)))
+        ends.append((inputs.count(joint.parent, f"joint {number}: parent", 0), inputs.count(joint.child, f"joint {number}: child", 0)))
         values = joint.weight, joint.offset, _SHAPES[joint.shape], joint.truncation
         of_length = [0.0, 0.0, -1.0, 0.0]  # no window
         try:
