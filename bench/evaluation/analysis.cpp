@@ -21,6 +21,14 @@ namespace fs = std::filesystem;
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
+/// accuracy_robustness, with NaN for the accuracy if every sequence ends within the burn-in.
+AccuracyRobustness score_of(std::span<const SupervisedSequence> sequences, Toolkit toolkit) {
+  AccuracyRobustness score = accuracy_robustness(sequences, toolkit);
+  const auto is_short = [](const SupervisedSequence& sequence) { return sequence.length() <= kBurnIn; };
+  if (std::ranges::all_of(sequences, is_short)) score.accuracy = kNone;
+  return score;
+}
+
 /// A tracker's scores and measured runs. Each protocol has the sequences with runs of it, in the campaign's
 /// order.
 struct TrackerRuns {
@@ -314,7 +322,7 @@ void score_starts(const std::vector<SupervisedSequence>& sequences, const Length
     std::vector<Draw> draws;
     for (std::size_t s = 0; s < sequences.size(); ++s) draws.push_back({s, {start_of(s)}});
     const auto drawn = resampled(sequences, draws);
-    return LegacyScores{accuracy_robustness(drawn, Toolkit::Legacy), eao(drawn, interval, Toolkit::Legacy)};
+    return LegacyScores{score_of(drawn, Toolkit::Legacy), eao(drawn, interval, Toolkit::Legacy)};
   };
   for (std::size_t start = 0; start < starts; ++start)
     scores.starts.push_back(score([&](std::size_t) { return start; }));
@@ -341,8 +349,8 @@ void score_supervised(std::vector<TrackerRuns>& trackers, Analysis& analysis) {
   const LengthInterval& interval = analysis.supervised.lengths;
   for (std::size_t i = 0; i < all.size(); ++i) {
     SupervisedScores scores;
-    scores.legacy = accuracy_robustness(all[i], Toolkit::Legacy);
-    scores.python = accuracy_robustness(all[i], Toolkit::Python);
+    scores.legacy = score_of(all[i], Toolkit::Legacy);
+    scores.python = score_of(all[i], Toolkit::Python);
     scores.mean_over_tags =
         analysis.tags.empty() ? AccuracyRobustness{kNone, kNone, kNone} : mean_over_tags(all[i]);
     scores.legacy_curve = eao_curve(all[i], Toolkit::Legacy);
@@ -426,7 +434,8 @@ Resampled resample(const TrackerRuns& tracker, const std::vector<std::size_t>& s
       measure->value = measure->resamples.front();
       measure->resamples.erase(measure->resamples.begin());
     }
-    result[Measure::Accuracy] = std::move(accuracies);
+    if (!std::isnan(score_of(sequences, Toolkit::Legacy).accuracy))
+      result[Measure::Accuracy] = std::move(accuracies);
     result[Measure::Failures] = std::move(failures);
   }
   if (const auto passes = tracker.one_pass.find(Protocol::Otb);

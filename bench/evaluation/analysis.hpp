@@ -46,7 +46,7 @@ struct LegacyScores {
 };
 
 struct SupervisedScores {
-  AccuracyRobustness legacy, python;
+  AccuracyRobustness legacy, python;  ///< the accuracies are NaN if all sequences end within the burn-in
   AccuracyRobustness mean_over_tags;  ///< NaN without tags
   double legacy_eao = 0, python_eao = 0;
   std::vector<double> legacy_curve, python_curve;

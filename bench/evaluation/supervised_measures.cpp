@@ -12,7 +12,6 @@ namespace asterism::bench {
 
 namespace {
 
-constexpr std::size_t kBurnIn = 10;            // frames from a start on that do not count for accuracy
 constexpr std::size_t kFewestComparable = 25;  // frames for a test of accuracy
 
 using Sequences = std::span<const SupervisedSequence>;

@@ -61,6 +61,9 @@ struct AccuracyRobustness {
 AccuracyRobustness accuracy_robustness(std::span<const SupervisedSequence> sequences, Toolkit toolkit,
                                        std::string_view tag = kAllFrames);
 
+/// Frames from a start on that do not count for accuracy.
+inline constexpr std::size_t kBurnIn = 10;
+
 /// The number of frames with `tag` that count for the legacy accuracy; without any, its value of 0 says
 /// nothing.
 std::size_t accuracy_frames(std::span<const SupervisedSequence> sequences, std::string_view tag = kAllFrames);

@@ -299,6 +299,16 @@ class Evaluation(unittest.TestCase):
         self.assertEqual(scores["short"]["F"], 0)
         self.assertGreater(scores["short"]["AO"], 0.5)
         self.assertGreater(scores["first"]["A"], 0.5)
+        # A data set of such sequences alone has no accuracy, rather than 0.
+        shutil.rmtree(data / "first")
+        make_sequence(data / "other", 4, frames=8)
+        out = self.out.with_name("alone")
+        for arguments in (("run", data, "--trackers", "kcf", "--protocol", "vot", "--out", out), ("report", out)):
+            done = run(*arguments)
+            self.assertEqual(done.returncode, 0, done.stderr)
+        head, values = (line.split() for line in done.stdout.splitlines())
+        self.assertNotIn("A", head)
+        self.assertEqual(values[head.index("F")], "0.00")
 
     def test_frames_are_exported_for_trackers_with_confidences(self):
         both = ("--trackers", "kcf", "--external", tracker("stays", "stays"))
