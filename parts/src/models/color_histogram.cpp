@@ -24,6 +24,8 @@ void ColorHistogram::prepare(const Size2& size, Space space) {
   const auto [spacing, cols, rows, reach, response] = match_geometry(size, options_.window);
   spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
   response_ = likelihood_ = response;
+  near_.values.resize(3, 3);
+  near_.periodic = false;
 
   const int bins = options_.bins, pixels = rows_ * cols_;
   histogram_.setZero(space_ == Space::Gray ? bins : bins * bins * bins);
@@ -40,16 +42,25 @@ void ColorHistogram::visit_state(StateArchive& archive) {
   if (archive.loading()) prepare(Size2(size_), space_);
   archive(histogram_);
   archive.require((histogram_ >= 0).all());
+  archive.position(bias_);
   histogram_roots_ = histogram_.sqrt();
 }
 
 Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
-  const int width = cols_ + 2 * reach_, displacements = 2 * reach_ + 1;
-  sample(frame, around, {width, rows_ + 2 * reach_});
-  response_.origin = likelihood_.origin = around - spacing_ * Point2::Constant(reach_);
-
-  // rho of a box that slides along a row; its histogram and the sum over the bins are updated at each step.
   auto& values = response_.values;
+  match(frame, around, reach_, values);
+  response_.origin = likelihood_.origin = around - spacing_ * Point2::Constant(reach_);
+  // Relative to the best match, so that no likelihood underflows.
+  likelihood_.values = (static_cast<float>(options_.sharpness) * (values - values.maxCoeff())).exp();
+  Evidence evidence = evidence_of(response_, likelihood_);
+  if (evidence.peak > 0) evidence.position -= spacing_ * bias_;
+  return evidence;
+}
+
+void ColorHistogram::match(const Frame& frame, const Point2& around, int reach, Map& values) {
+  const int width = cols_ + 2 * reach, displacements = 2 * reach + 1;
+  sample(frame, around, {width, rows_ + 2 * reach});
+  // rho of a box that slides along a row; its histogram and the sum over the bins are updated at each step.
   const float norm = 1 / roots_(roots_.size() - 1);
   for (int r = 0; r < displacements; ++r) {
     counts_.setZero();
@@ -75,10 +86,6 @@ Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
     }
   }
   settle_ties(values, 1e-5F);  // rounding of the running sums
-
-  // Relative to the best match, so that no likelihood underflows.
-  likelihood_.values = (static_cast<float>(options_.sharpness) * (values - values.maxCoeff())).exp();
-  return evidence_of(response_, likelihood_);
 }
 
 void ColorHistogram::adapt(const Frame& frame, const Point2& at) { learn(frame, at, options_.learning_rate); }
@@ -90,6 +97,10 @@ void ColorHistogram::learn(const Frame& frame, const Point2& at, double rate) {
   const auto seen = counts_.cast<float>() / static_cast<float>(bins_.size());
   histogram_ += static_cast<float>(rate) * (seen - histogram_);
   histogram_roots_ = histogram_.sqrt();
+  // rho falls faster where other colors begin, so the vertex of the parabola is beside the target.
+  match(frame, at, 1, near_.values);
+  near_.origin = Point2::Constant(-1);
+  bias_ = evidence_of(near_, near_).position.cwiseMax(-0.5).cwiseMin(0.5);
 }
 
 void ColorHistogram::sample(const Frame& frame, const Point2& centre, const cv::Size& grid) {

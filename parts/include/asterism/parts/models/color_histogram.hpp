@@ -36,7 +36,8 @@ struct ColorHistogramOptions {
 /// that of the box p at every displacement of a grid of template pixels; the covariance that of the
 /// likelihood exp(-lambda d^2), d^2 = 1 - rho. It does not care how the pixels are arranged: deformation and
 /// rotation change little, and it locates coarsely. Among equal matches the one nearest to the window's
-/// middle counts; a response that is the same everywhere says nothing, and the similarity is 0.
+/// middle counts; a response that is the same everywhere says nothing, and the similarity is 0. A target that
+/// stands still is found where it was learned: the sub-pixel offset of the match there is subtracted.
 class ASTERISM_API ColorHistogram {
  public:
   /// The color spaces of a histogram.
@@ -68,6 +69,9 @@ class ASTERISM_API ColorHistogram {
   // The bins of the window of `grid` template pixels around `centre`, in `bins_`, row by row.
   void sample(const Frame& frame, const Point2& centre, const cv::Size& grid);
   void learn(const Frame& frame, const Point2& at, double rate);
+  // rho at displacements of up to `reach` template pixels from `around`.
+  using Map = decltype(ResponseMap::values);
+  void match(const Frame& frame, const Point2& around, int reach, Map& values);
 
   ColorHistogramOptions options_;
   Size2 size_ = Size2::Zero();  // of the target
@@ -77,6 +81,8 @@ class ASTERISM_API ColorHistogram {
   Eigen::ArrayXf histogram_, histogram_roots_;  // q_b and its square roots
   Eigen::ArrayXf roots_;                        // sqrt(0), sqrt(1), ..
   ResponseMap response_, likelihood_;
+  ResponseMap near_;              // rho beside the target as learned, one template pixel apart
+  Point2 bias_ = Point2::Zero();  // of the maximum of the response there [template pixels]
 
   Scratch patch_;
   std::vector<int> bins_;
