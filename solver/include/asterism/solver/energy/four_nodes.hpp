@@ -21,7 +21,7 @@ struct FourNodes {
 
 /// Newton's iterate.
 struct FourNodesSearch {
-  FourNodes nodes;
+  FourNodes nodes;     ///< the system
   int max_iterations;  ///< at most
   bool realigns;       ///< after every step
 
