@@ -42,8 +42,8 @@ foreach(page IN LISTS references) # Doxygen links to a list of nested classes ev
   endif()
 endforeach()
 
-# Sphinx reads one folder: docs/, and the pages of the project's root, whose README is the first page. It starts from scratch, as it does not notice changes
-# of the reference.
+# Sphinx reads one folder: docs/, and the pages of the project's root, whose README is the first page. It starts
+# from scratch, as it does not notice changes of the reference.
 set(pages ${BINARY_DIR}/pages)
 file(REMOVE_RECURSE ${pages})
 file(COPY ${docs}/ DESTINATION ${pages} PATTERN site EXCLUDE)

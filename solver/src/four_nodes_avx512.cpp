@@ -383,7 +383,7 @@ bool iterate_four_nodes_avx512(FourNodesSearch& at) {
 bool differentiate_four_nodes_avx512(const FourNodes& at, const FourNodesGradient& gradient);
 bool differentiate_four_nodes_avx512(const FourNodes& at, const FourNodesGradient& gradient) {
   System system = load(at);
-  system.tolerance /= 2;
+  system.tolerance /= 2;  // passed whatever the rounding of the gradient
   if (!is_served(at, system)) return false;
   const V x = L::load(gradient.x);
   V columns[8];

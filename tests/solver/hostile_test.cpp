@@ -14,6 +14,8 @@
 #include <numeric>
 #include <optional>
 
+#include "environment.hpp"
+
 namespace asterism::hostile {
 
 std::vector<Attempt> solve_by_all(const Problem& problem) {
@@ -39,6 +41,8 @@ std::vector<Attempt> solve_by_all(const Problem& problem) {
 }
 
 namespace {
+
+using testing::environment;
 
 using Real = long double;
 using Matrix = Eigen::Matrix<Real, Eigen::Dynamic, Eigen::Dynamic>;
@@ -391,11 +395,6 @@ Reference reference_of(const Judge& judge, const Problem& problem, std::uint64_t
   from(other);
   for (const Real end : ends) result.is_unique &= end <= result.lowest + 1e-9L * result.size;
   return result;
-}
-
-int environment(const char* name, int otherwise) {
-  const char* value = std::getenv(name);
-  return value == nullptr ? otherwise : std::atoi(value);
 }
 
 /// Per solver: solves, converged ones, and those that ended at the lowest energy known.

@@ -13,7 +13,6 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <cstdlib>
 #include <limits>
 #include <map>
 #include <string>
@@ -22,6 +21,7 @@
 #include <utility>
 #include <vector>
 
+#include "environment.hpp"
 #include "model_kits.hpp"
 #include "random_values.hpp"
 #include "test_systems.hpp"
@@ -31,6 +31,7 @@ namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+using testing::environment;
 using testing::random_points;
 using testing::random_shapes;
 using testing::random_values;
@@ -39,11 +40,6 @@ using testing::Rng;
 using Real = long double;
 using RealPoints = Eigen::Matrix<Real, Eigen::Dynamic, Eigen::Dynamic>;
 using RealVector = Eigen::Matrix<Real, Eigen::Dynamic, 1>;
-
-int environment(const char* name, int otherwise) {
-  const char* const value = std::getenv(name);
-  return value == nullptr ? otherwise : std::atoi(value);
-}
 
 // A user's law, convex in the square p of the length: (p - mu^2)^2 / 8.
 void squares(std::size_t count, const double* length, const double* rest, double* value, double* first,

@@ -24,7 +24,6 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <cstdlib>
 #include <functional>
 #include <initializer_list>
 #include <limits>
@@ -40,19 +39,16 @@
 #endif
 
 #include "by_terms.hpp"
+#include "environment.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
 namespace {
 
+using testing::environment;
 using testing::Rng;
 
 constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
-
-int environment(const char* name, int otherwise) {
-  const char* value = std::getenv(name);
-  return value == nullptr ? otherwise : std::atoi(value);
-}
 
 // Calls check(index) for the numbers of the systems, or every `stride`-th of them, until one fails.
 template <typename Check>

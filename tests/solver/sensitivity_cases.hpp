@@ -10,12 +10,12 @@
 #include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <cmath>
-#include <cstdlib>
 #include <iostream>
 #include <string>
 #include <type_traits>
 #include <vector>
 
+#include "environment.hpp"
 #include "matrices.hpp"
 #include "model_kits.hpp"
 
@@ -46,10 +46,7 @@ struct YieldingSpring {
 };
 
 /// How many random systems of each type, 300 or what the environment says.
-inline int sensitivity_systems() {
-  const char* const value = std::getenv("ASTERISM_SENSITIVITY_SYSTEMS");
-  return value != nullptr ? std::max(1, std::atoi(value)) : 300;
-}
+inline int sensitivity_systems() { return std::max(1, environment("ASTERISM_SENSITIVITY_SYSTEMS", 300)); }
 
 /// `system` with each value moved by t times that of the tangent.
 template <typename System>

@@ -25,6 +25,7 @@ void ColorHistogram::prepare(const Size2& size, Space space) {
   spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
   response_ = likelihood_ = response;
   near_.values.resize(3, 3);
+  near_.origin = Point2::Constant(-1);
   near_.periodic = false;
 
   const int bins = options_.bins, pixels = rows_ * cols_;
@@ -99,7 +100,6 @@ void ColorHistogram::learn(const Frame& frame, const Point2& at, double rate) {
   histogram_roots_ = histogram_.sqrt();
   // rho falls faster where other colors begin, so the vertex of the parabola is beside the target.
   match(frame, at, 1, near_.values);
-  near_.origin = Point2::Constant(-1);
   bias_ = evidence_of(near_, near_).position.cwiseMax(-0.5).cwiseMin(0.5);
 }
 
