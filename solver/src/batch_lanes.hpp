@@ -31,6 +31,10 @@ struct Double8 {
   ASTERISM_INLINE V set(T a) { return _mm512_set1_pd(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm512_loadu_pd(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm512_storeu_pd(a, v); }
+  // Of the first `count` numbers alone; the others are 0, and not touched in memory.
+  ASTERISM_INLINE V load_first(const T* a, int count) { return _mm512_maskz_loadu_pd(first(count), a); }
+  ASTERISM_INLINE void store_first(T* a, V v, int count) { _mm512_mask_storeu_pd(a, first(count), v); }
+  ASTERISM_INLINE M first(int count) { return static_cast<M>((1U << count) - 1); }
   ASTERISM_INLINE V fma(V a, V b, V c) { return _mm512_fmadd_pd(a, b, c); }    // a b + c
   ASTERISM_INLINE V fnma(V a, V b, V c) { return _mm512_fnmadd_pd(a, b, c); }  // c - a b
   ASTERISM_INLINE V fnms(V a, V b, V c) { return _mm512_fnmsub_pd(a, b, c); }  // -a b - c
@@ -64,6 +68,9 @@ struct Float16 {
   ASTERISM_INLINE V set(T a) { return _mm512_set1_ps(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm512_loadu_ps(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm512_storeu_ps(a, v); }
+  ASTERISM_INLINE V load_first(const T* a, int count) { return _mm512_maskz_loadu_ps(first(count), a); }
+  ASTERISM_INLINE void store_first(T* a, V v, int count) { _mm512_mask_storeu_ps(a, first(count), v); }
+  ASTERISM_INLINE M first(int count) { return static_cast<M>((1U << count) - 1); }
   ASTERISM_INLINE V fma(V a, V b, V c) { return _mm512_fmadd_ps(a, b, c); }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return _mm512_fnmadd_ps(a, b, c); }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return _mm512_fnmsub_ps(a, b, c); }
@@ -103,6 +110,11 @@ struct Double4 {
   ASTERISM_INLINE V set(T a) { return _mm256_set1_pd(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm256_loadu_pd(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm256_storeu_pd(a, v); }
+  ASTERISM_INLINE V load_first(const T* a, int count) { return _mm256_maskload_pd(a, first(count)); }
+  ASTERISM_INLINE void store_first(T* a, V v, int count) { _mm256_maskstore_pd(a, first(count), v); }
+  ASTERISM_INLINE __m256i first(int count) {
+    return _mm256_cmpgt_epi64(_mm256_set1_epi64x(count), _mm256_set_epi64x(3, 2, 1, 0));
+  }
   ASTERISM_INLINE V fma(V a, V b, V c) { return _mm256_fmadd_pd(a, b, c); }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return _mm256_fnmadd_pd(a, b, c); }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return _mm256_fnmsub_pd(a, b, c); }
@@ -135,6 +147,11 @@ struct Float8 {
   ASTERISM_INLINE V set(T a) { return _mm256_set1_ps(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm256_loadu_ps(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm256_storeu_ps(a, v); }
+  ASTERISM_INLINE V load_first(const T* a, int count) { return _mm256_maskload_ps(a, first(count)); }
+  ASTERISM_INLINE void store_first(T* a, V v, int count) { _mm256_maskstore_ps(a, first(count), v); }
+  ASTERISM_INLINE __m256i first(int count) {
+    return _mm256_cmpgt_epi32(_mm256_set1_epi32(count), _mm256_set_epi32(7, 6, 5, 4, 3, 2, 1, 0));
+  }
   ASTERISM_INLINE V fma(V a, V b, V c) { return _mm256_fmadd_ps(a, b, c); }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return _mm256_fnmadd_ps(a, b, c); }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return _mm256_fnmsub_ps(a, b, c); }
@@ -175,6 +192,13 @@ struct Double2 {
   ASTERISM_INLINE V set(T a) { return _mm_set1_pd(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm_loadu_pd(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm_storeu_pd(a, v); }
+  ASTERISM_INLINE V load_first(const T* a, int count) {
+    return count == kLanes ? load(a) : count == 1 ? _mm_load_sd(a) : set(0);
+  }
+  ASTERISM_INLINE void store_first(T* a, V v, int count) {
+    if (count == kLanes) store(a, v);
+    if (count == 1) _mm_store_sd(a, v);
+  }
   ASTERISM_INLINE V fma(V a, V b, V c) { return a * b + c; }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return c - a * b; }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return -(a * b) - c; }
@@ -206,6 +230,16 @@ struct Float4 {
   ASTERISM_INLINE V set(T a) { return _mm_set1_ps(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm_loadu_ps(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm_storeu_ps(a, v); }
+  ASTERISM_INLINE V load_first(const T* a, int count) {
+    T lanes[kLanes] = {};
+    for (int i = 0; i < count; ++i) lanes[i] = a[i];
+    return load(lanes);
+  }
+  ASTERISM_INLINE void store_first(T* a, V v, int count) {
+    T lanes[kLanes];
+    store(lanes, v);
+    for (int i = 0; i < count; ++i) a[i] = lanes[i];
+  }
   ASTERISM_INLINE V fma(V a, V b, V c) { return a * b + c; }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return c - a * b; }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return -(a * b) - c; }
@@ -275,6 +309,12 @@ struct Lanes4 {
   ASTERISM_INLINE void store(T* a, V v) {
     for (int i = 0; i < kLanes; ++i) a[i] = v.at[i];
   }
+  ASTERISM_INLINE V load_first(const T* a, int count) {
+    return each([&](int i) ASTERISM_INLINED { return i < count ? a[i] : T(0); });
+  }
+  ASTERISM_INLINE void store_first(T* a, V v, int count) {
+    for (int i = 0; i < count; ++i) a[i] = v.at[i];
+  }
   ASTERISM_INLINE V fma(V a, V b, V c) { return a * b + c; }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return c - a * b; }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return set(0) - a * b - c; }
@@ -327,6 +367,15 @@ using DoubleLanes = Lanes4<double>;
 using FloatLanes = Lanes4<float>;
 
 #endif
+
+/// The sum of the numbers in all lanes.
+template <typename L>
+ASTERISM_INLINE typename L::T total(typename L::V v) {
+  typename L::T lanes[L::kLanes], sum = 0;
+  L::store(lanes, v);
+  for (const typename L::T lane : lanes) sum += lane;
+  return sum;
+}
 
 }  // namespace
 }  // namespace asterism::lanes_v0_1

@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "../terms/link_rows.hpp"
+#include "../terms/kernels.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "direction.hpp"
-#include "link_rows.hpp"
+#include "kernels.hpp"
 #include "loss.hpp"
 
 namespace asterism {
@@ -285,7 +285,8 @@ struct LengthTerm::Lanes {
   using Lane = Eigen::Array<double, kMost, 1>;
 
   explicit Lanes(const LengthTerm& term)
-      : nodes(term.nodes().data()),
+      : run_time_dim(term.dim()),
+        nodes(term.nodes().data()),
         stiffness(term.numbers(kStiffness)),
         offset(term.numbers(kOffset)),
         potential(term.potential()) {}
@@ -293,26 +294,26 @@ struct LengthTerm::Lanes {
   // Computes all below for `count` elements. False where rounding takes too much of the square of a length,
   // or a number leaves the range of a double: these elements are to be left to for_each.
   bool evaluate(const double* points, int begin, int count) {
+    const int dim = D == Eigen::Dynamic ? run_time_dim : D;
     node = nodes + std::ptrdiff_t{kArity} * begin;
-    Lane rest;
     for (int e = 0; e < kMost; ++e) {
       k[e] = e < count ? *stiffness[begin + e] : 0.0;
       const bool counts =
           k[e] > 0;  // what does not, whatever its length at rest, has numbers that do no harm
       rest[e] = counts ? *potential.length[begin + e] : 0.0;
-      for (int c = 0; c < D; ++c) {
+      for (int c = 0; c < dim; ++c) {
         double d = 1;
         if (counts) {
-          d = points[D * node[kArity * e] + c];
-          for (int a = 1; a < kArity; ++a) d += kCoefficients[a] * points[D * node[kArity * e + a] + c];
+          d = points[dim * node[kArity * e] + c];
+          for (int a = 1; a < kArity; ++a) d += kCoefficients[a] * points[dim * node[kArity * e + a] + c];
           if (offset) d -= offset[begin + e][c];
         }
         v[c][e] = d;
       }
     }
     square = v[0] * v[0];
-    for (int c = 1; c < D; ++c) square += v[c] * v[c];
-    const Lane length = square.sqrt();
+    for (int c = 1; c < dim; ++c) square += v[c] * v[c];
+    length = square.sqrt();
     if (potential.is_hooke) {
       const Lane stretch = length - rest;
       energy = k * stretch * stretch / 2;
@@ -333,11 +334,13 @@ struct LengthTerm::Lanes {
            detail::is_finite(energy.sum() + tension.abs().sum() + along.sum() + across.sum());
   }
 
+  const int run_time_dim;
   const int* nodes;
   const Numbers stiffness, offset;
   const Potential potential;
   const int* node = nullptr;  // of the first element
-  Lane v[D], square, k, energy, tension, along, across;
+  Lane v[D == Eigen::Dynamic ? detail::kMaxCoordinates : D];
+  Lane square, length, rest, k, energy, tension, along, across;
 };
 
 // The same for all elements: what most of them need and no more.
@@ -347,6 +350,7 @@ double LengthTerm::plain_sum(const Points& x, Points* gradient) const {
     return hooke_sum<D, kArity>(x, gradient);
   using L = Lanes<D, kArity>;
   L lanes(*this);
+  const int dim = D == Eigen::Dynamic ? this->dim() : D;
   double* const forces = gradient == nullptr ? nullptr : gradient->data();
   double energy = 0;
   for (int begin = 0; begin < size(); begin += L::kMost) {
@@ -357,10 +361,10 @@ double LengthTerm::plain_sum(const Points& x, Points* gradient) const {
     }
     energy += lanes.energy.sum();
     for (int e = 0; forces != nullptr && e < count; ++e) {
-      for (int c = 0; c < D; ++c) {
+      for (int c = 0; c < dim; ++c) {
         const double pull = lanes.across[e] * lanes.v[c][e];
         for (int a = 0; a < kArity; ++a)
-          forces[D * lanes.node[kArity * e + a] + c] += L::kCoefficients[a] * pull;
+          forces[dim * lanes.node[kArity * e + a] + c] += L::kCoefficients[a] * pull;
       }
     }
   }
@@ -375,15 +379,15 @@ double LengthTerm::hooke_sum(const Points& x, Points* gradient) const {
   const double* const points = x.data();
   double* const forces = gradient == nullptr ? nullptr : gradient->data();
   const int* node = nodes().data();
-  const int count = size();
+  const int count = size(), dim = D == Eigen::Dynamic ? this->dim() : D;
   constexpr int kPart = 16;    // sums of parts are rounded less than one sum
   double twice = 0, part = 0;  // the energy
   for (int e = 0; e < count; ++e, node += kArity) {
     if (e % kPart == 0) twice += std::exchange(part, 0);
-    double v[D], square = 0;
-    for (int c = 0; c < D; ++c) {
-      v[c] = points[D * node[0] + c];
-      for (int a = 1; a < kArity; ++a) v[c] += kCoefficients[a] * points[D * node[a] + c];
+    double v[D == Eigen::Dynamic ? detail::kMaxCoordinates : D], square = 0;
+    for (int c = 0; c < dim; ++c) {
+      v[c] = points[dim * node[0] + c];
+      for (int a = 1; a < kArity; ++a) v[c] += kCoefficients[a] * points[dim * node[a] + c];
       square += v[c] * v[c];
     }
     const double k = *stiffness[e], r = std::sqrt(square), stretch = r - *length[e];
@@ -394,9 +398,9 @@ double LengthTerm::hooke_sum(const Points& x, Points* gradient) const {
     }
     part += tension * stretch;
     if (forces == nullptr) continue;
-    for (int c = 0; c < D; ++c) {
+    for (int c = 0; c < dim; ++c) {
       const double pull = across * v[c];
-      for (int a = 0; a < kArity; ++a) forces[D * node[a] + c] += kCoefficients[a] * pull;
+      for (int a = 0; a < kArity; ++a) forces[dim * node[a] + c] += kCoefficients[a] * pull;
     }
   }
   return (twice + part) / 2;
@@ -487,38 +491,64 @@ double LengthTerm::energy(const Points& x, Points* gradient) const {
                             loss() == Loss::Quadratic && !numbers(kOffset) &&
                             (all_pairs_of() > 0 || mostly_in_rows(nodes()));
       if (are_rows) return sum_of_rows<D>(x, gradient);
-      if constexpr (D != Eigen::Dynamic) {
-        return arity() == 2 ? plain_sum<D, 2>(x, gradient) : plain_sum<D, 3>(x, gradient);
-      }
+      return arity() == 2 ? plain_sum<D, 2>(x, gradient) : plain_sum<D, 3>(x, gradient);
     }
     return sum<D>(x, 0, size(), gradient);
   });
 }
 
 // v is a sum, and rounded as its parts are; the stretch is a difference of the length and that at rest.
-Term::Magnitude LengthTerm::magnitude(const Points& x) const {
+template <int D>
+Term::Magnitude LengthTerm::magnitude(const Points& x, int begin, int end) const {
   Magnitude result;
   const int n = arity(), dim = this->dim();
   const Numbers rest = numbers(kLength), upper = numbers(kUpper), offset = numbers(kOffset);
   const Numbers information = numbers(kInformation);
-  detail::with_dim(dim, [&]<int D>() {
-    for_each<D>(
-        x, 0, size(), [&](int e, const PointOf<D>& v, const PointOf<D>&, const Force& force, double k) {
-          const double length = v.stableNorm();
-          double parts = length, size = 1;
-          if (offset) parts += 2 * Eigen::Map<const PointOf<D>>(offset[e], dim).stableNorm();
-          for (int a = 0; n > 2 && a < n; ++a)
-            parts += std::abs(coefficients_[static_cast<std::size_t>(a)]) * x.col(nodes()(a, e)).stableNorm();
-          if (information)
-            size = detail::largest_eigenvalue(Eigen::Map<const Eigen::MatrixXd>(information[e], dim, dim));
-          const double lengths = *rest[e] + (law() == LinkLaw::Interval ? *upper[e] : 0.0);
-          const double across = std::abs(force.across) * size;
-          result.energy += across * length * parts + std::abs(force.tension) * (force.length + lengths);
-          result.gradient += 4 * ((across + std::abs(force.along) * size) * parts +
-                                  k * std::sqrt(size) * (force.length + lengths));
-        });
-  });
+  for_each<D>(
+      x, begin, end, [&](int e, const PointOf<D>& v, const PointOf<D>&, const Force& force, double k) {
+        const double length = v.stableNorm();
+        double parts = length, size = 1;
+        if (offset) parts += 2 * Eigen::Map<const PointOf<D>>(offset[e], dim).stableNorm();
+        for (int a = 0; n > 2 && a < n; ++a)
+          parts += std::abs(coefficients_[static_cast<std::size_t>(a)]) * x.col(nodes()(a, e)).stableNorm();
+        if (information)
+          size = detail::largest_eigenvalue(Eigen::Map<const Eigen::MatrixXd>(information[e], dim, dim));
+        const double lengths = *rest[e] + (law() == LinkLaw::Interval ? *upper[e] : 0.0);
+        const double across = std::abs(force.across) * size;
+        result.energy += across * length * parts + std::abs(force.tension) * (force.length + lengths);
+        result.gradient += 4 * ((across + std::abs(force.along) * size) * parts +
+                                k * std::sqrt(size) * (force.length + lengths));
+      });
   return result;
+}
+
+// The same for links by most laws, some at a time.
+template <int D>
+Term::Magnitude LengthTerm::plain_magnitude(const Points& x) const {
+  using L = Lanes<D, 2>;
+  L lanes(*this);
+  Magnitude result;
+  for (int begin = 0; begin < size(); begin += L::kMost) {
+    const int count = std::min(L::kMost, size() - begin);
+    if (!lanes.evaluate(x.data(), begin, count)) [[unlikely]] {
+      const Magnitude some = magnitude<D>(x, begin, begin + count);
+      result.energy += some.energy;
+      result.gradient += some.gradient;
+      continue;
+    }
+    const typename L::Lane lengths = lanes.length + lanes.rest, tension = lanes.tension.abs();
+    result.energy += (tension * (lanes.length + lengths)).sum();
+    result.gradient += 4 * (tension + lanes.along.abs() * lanes.length + lanes.k * lengths).sum();
+  }
+  return result;
+}
+
+Term::Magnitude LengthTerm::magnitude(const Points& x) const {
+  return detail::with_dim(dim(), [&]<int D>() {
+    const bool is_plain = arity() == 2 && function() == nullptr && law() != LinkLaw::Interval &&
+                          !numbers(kInformation) && !numbers(kOffset);
+    return is_plain ? plain_magnitude<D>(x) : magnitude<D>(x, 0, size());
+  });
 }
 
 const char* LengthTerm::problem_with(Curvature curvature) const {
@@ -575,42 +605,46 @@ void LengthTerm::add_plain_curvature(const Points& x, Curvature curvature, Curva
   using L = Lanes<D, kArity>;
   if (curvature == Curvature::Majorising) return add_stiffness(sink);
   L lanes(*this);
-  double blocks[L::kMost][D * D];
+  const int dim = D == Eigen::Dynamic ? this->dim() : D, entries = dim * dim;
+  constexpr int kFixed = D == Eigen::Dynamic ? 0 : L::kMost * D * D;
+  std::conditional_t<D == Eigen::Dynamic, std::vector<double>, std::array<double, std::size_t{kFixed}>>
+      blocks;
+  if constexpr (D == Eigen::Dynamic) blocks.resize(static_cast<std::size_t>(L::kMost * entries));
   for (int begin = 0; begin < size(); begin += L::kMost) {
     const int count = std::min(L::kMost, size() - begin);
     const bool is_plain = lanes.evaluate(x.data(), begin, count);
     typename L::Lane along = lanes.along, across = lanes.across;
     if (curvature == Curvature::Minorising && is_plain) {
-      sink.add_multiples(lanes.node, kArity, count, coefficients_.data(), across.data(), D);
+      sink.add_multiples(lanes.node, kArity, count, coefficients_.data(), across.data(), dim);
       continue;
     }
     if (curvature == Curvature::Clamped) {
       along = along.max(0.0);
       across = across.max(0.0);
     }
+    if (dim == 1) across = along;  // on a line nothing is across
     const typename L::Lane excess = (along - across) / lanes.square;
     if (!is_plain || !detail::is_finite(excess.sum())) [[unlikely]] {
       add_curvature<D>(x, begin, begin + count, curvature, sink);
       continue;
     }
-    for (int j = 0; j < D; ++j) {
+    for (int j = 0; j < dim; ++j) {
       for (int i = 0; i <= j; ++i) {
         typename L::Lane entry = excess * lanes.v[i] * lanes.v[j];
         if (i == j) entry += across;
-        for (int e = 0; e < count; ++e) blocks[e][D * j + i] = blocks[e][D * i + j] = entry[e];
+        double* block = blocks.data();
+        for (int e = 0; e < count; ++e, block += entries) block[dim * j + i] = block[dim * i + j] = entry[e];
       }
     }
-    sink.add_blocks(lanes.node, kArity, count, coefficients_.data(), blocks[0], D);
+    sink.add_blocks(lanes.node, kArity, count, coefficients_.data(), blocks.data(), dim);
   }
 }
 
 void LengthTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
   detail::with_dim(dim(), [&]<int D>() {
-    if constexpr (D != Eigen::Dynamic) {
-      if (function() == nullptr && !numbers(kInformation)) {
-        if (arity() == 2) return add_plain_curvature<D, 2>(x, curvature, sink);
-        return add_plain_curvature<D, 3>(x, curvature, sink);
-      }
+    if (function() == nullptr && !numbers(kInformation)) {
+      if (arity() == 2) return add_plain_curvature<D, 2>(x, curvature, sink);
+      return add_plain_curvature<D, 3>(x, curvature, sink);
     }
     add_curvature<D>(x, 0, size(), curvature, sink);
   });

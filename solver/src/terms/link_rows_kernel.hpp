@@ -2,7 +2,7 @@
 
 // The sum over rows of links by one instruction set's vectors. No standard library, see batch_lanes.hpp.
 #include "../batch_lanes.hpp"
-#include "link_rows.hpp"
+#include "kernels.hpp"
 
 namespace asterism::lanes_v0_1 {
 namespace {
@@ -16,14 +16,6 @@ ASTERISM_INLINE int row_length(const int* pairs, int count) {
   int e = 1;
   while (pairs[2 * e] == i && pairs[2 * e + 1] == j + e) ++e;
   return e;
-}
-
-template <typename L>
-ASTERISM_INLINE double total(typename L::V v) {
-  double lanes[L::kLanes], sum = 0;
-  L::store(lanes, v);
-  for (const double lane : lanes) sum += lane;
-  return sum;
 }
 
 // kDim is the number of coordinates, or 0 where it is known at run time.

@@ -3,11 +3,12 @@
 #include <algorithm>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
-#include <asterism/solver/matrix/dense_factor.hpp>
 #include <cmath>
 #include <limits>
 #include <numeric>
 #include <utility>
+
+#include "kernels.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -190,6 +191,8 @@ void SystemMatrix::add_blocks(const int* nodes, int arity, int count, const doub
   if (is_dense_ && !is_shared_ && !has_fixed_) {
     if (dim == 2) return add_to_dense<2>(nodes, arity, count, c, B);
     if (dim == 3) return add_to_dense<3>(nodes, arity, count, c, B);
+    if (dim == 4) return add_to_dense<4>(nodes, arity, count, c, B);
+    if (dim == 5) return add_to_dense<5>(nodes, arity, count, c, B);
   }
   const int* const end = nodes + std::ptrdiff_t{arity} * count;
   for (; nodes != end; nodes += arity, B += std::ptrdiff_t{dim} * dim) {
@@ -328,7 +331,8 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
   is_shared_ = matrix.is_shared();
   if (is_dense_) {
     factor_ = matrix.dense();
-    if (!DenseFactor<double>::factorize(factor_.data(), factor_.rows())) return false;
+    if (!lanes_v0_1::factorize(lanes_v0_1::SymmetricMatrix<double>{factor_.data(), factor_.rows()}))
+      return false;
     for (int c = 0; c < matrix.rows(); ++c) {
       if (!is_positive(factor_(c, c) * factor_(c, c), c)) return false;
     }
@@ -347,78 +351,9 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
   return true;
 }
 
-namespace {
-
-// right <- (L L^T)^-1 right for a few right-hand sides, one after the other in memory, for which Eigen's,
-// which is made for many, takes longer: four columns of L at a time, with the inverse of its diagonal.
-template <int kRight>
-void substitute(const Eigen::MatrixXd& L, const Eigen::VectorXd& inverse_pivots, double* right) {
-  constexpr Eigen::Index kBlock = 4;
-  using Pack = Eigen::Array<double, kBlock, 1>;
-  using ConstPack = Eigen::Map<const Pack>;
-  const Eigen::Index n = L.rows(), blocked = n - n % kBlock;
-  // The unknowns from `first` to before `last`, with what others add to them already subtracted.
-  const auto forward = [&](double* b, Eigen::Index first, Eigen::Index last) {
-    for (Eigen::Index p = first; p < last; ++p) {
-      for (Eigen::Index q = first; q < p; ++q) b[p] -= L(p, q) * b[q];
-      b[p] *= inverse_pivots[p];
-    }
-  };
-  const auto backward = [&](double* b, Eigen::Index first, Eigen::Index last) {
-    for (Eigen::Index p = last; p-- > first;) {
-      for (Eigen::Index q = p + 1; q < last; ++q) b[p] -= L(q, p) * b[q];
-      b[p] *= inverse_pivots[p];
-    }
-  };
-  for (Eigen::Index j = 0; j < blocked; j += kBlock) {
-    for (int r = 0; r < kRight; ++r) {
-      double* const b = right + r * n;
-      forward(b, j, j + kBlock);
-      const Eigen::Index below = j + kBlock;
-      if (below < n)
-        subtract_columns(b + below, &L(below, j), n, b[j], b[j + 1], b[j + 2], b[j + 3], n - below);
-    }
-  }
-  for (int r = 0; r < kRight; ++r) {
-    forward(right + r * n, blocked, n);
-    backward(right + r * n, blocked, n);
-  }
-  for (Eigen::Index j = blocked; (j -= kBlock) >= 0;) {
-    const double* const column = &L(0, j);
-    for (int r = 0; r < kRight; ++r) {
-      double* const b = right + r * n;
-      Pack sums[kBlock];
-      for (Pack& sum : sums) sum.setZero();
-      Eigen::Index i = j + kBlock;
-      for (; i + kBlock <= n; i += kBlock) {
-        const Pack solved = ConstPack(b + i);
-        for (Eigen::Index c = 0; c < kBlock; ++c) sums[c] += ConstPack(column + c * n + i) * solved;
-      }
-      for (Eigen::Index c = 0; c < kBlock; ++c) {
-        double sum = sums[c].sum();
-        for (Eigen::Index rest = i; rest < n; ++rest) sum += column[c * n + rest] * b[rest];
-        b[j + c] -= sum;
-      }
-      backward(b, j, j + kBlock);
-    }
-  }
-}
-
-}  // namespace
-
 void SystemFactor::solve_dense(Eigen::MatrixXd& right) const {
-  switch (right.cols()) {
-    case 1:
-      return substitute<1>(factor_, inverse_pivots_, right.data());
-    case 2:
-      return substitute<2>(factor_, inverse_pivots_, right.data());
-    case 3:
-      return substitute<3>(factor_, inverse_pivots_, right.data());
-    default:
-      const auto lower = factor_.triangularView<Eigen::Lower>();
-      lower.solveInPlace(right);
-      lower.transpose().solveInPlace(right);
-  }
+  lanes_v0_1::solve(
+      {factor_.data(), inverse_pivots_.data(), rows_, right.data(), static_cast<int>(right.cols())});
 }
 
 Eigen::MatrixXd SystemFactor::solve_all(Eigen::MatrixXd right) const {
@@ -492,6 +427,13 @@ Eigen::VectorXd SystemFactor::negative_direction(const SystemMatrix& matrix) con
   if (other_ || cholesky_.info() != Eigen::Success) return negative_direction_of(matrix.sparse());
   Eigen::VectorXd v;
   return cholesky_.negative_curvature(v) < 0 ? v : Eigen::VectorXd();
+}
+
+Eigen::VectorXd SystemFactor::diagonal_of_inverse() const {
+  Eigen::VectorXd result(rows_);
+  std::vector<double> room(static_cast<std::size_t>(lanes_v0_1::kMostLanes * rows_));
+  lanes_v0_1::invert({factor_.data(), rows_, result.data(), room.data()});
+  return result;
 }
 
 double SystemFactor::log_determinant() const {

@@ -114,11 +114,13 @@ class SystemFactor {
   /// negative pivot; a vector without entries where there is none.
   Eigen::VectorXd negative_direction(const SystemMatrix& matrix) const;
   double log_determinant() const;
+  /// The diagonal of the inverse of a dense matrix.
+  Eigen::VectorXd diagonal_of_inverse() const;
+  /// Of a sparse matrix, without another package.
+  const SparseFactor<double>& cholesky() const { return cholesky_; }
   /// Whether the factor of the matrix has so few entries that a factorisation costs about as much as some
   /// evaluations: that of a chain.
   bool is_thin(const SystemMatrix& matrix);
-  /// Of a sparse matrix, without another package.
-  const SparseFactor<double>& cholesky() const { return cholesky_; }
 
  private:
   void analyze(const SystemMatrix& matrix);

@@ -3,7 +3,7 @@
 // Places of new points by one instruction set's vectors, in whose lanes points are. No standard library, see
 // batch_lanes.hpp.
 #include "../batch_lanes.hpp"
-#include "link_rows.hpp"
+#include "kernels.hpp"
 
 namespace asterism::lanes_v0_1 {
 namespace {

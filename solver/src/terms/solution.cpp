@@ -165,37 +165,29 @@ bool SystemProver::is_of_fixed(Eigen::Index row) const {
 }
 
 Eigen::VectorXd SystemProver::diagonal_of_inverse() const {
-  const int rows = matrix_.rows();
-  if (matrix_.is_dense()) return factor_.solve_all(Eigen::MatrixXd::Identity(rows, rows)).diagonal();
+  if (matrix_.is_dense()) return factor_.diagonal_of_inverse();
   const auto& cholesky = factor_.cholesky();
   const SelectedInverse<double> inverse(cholesky.matrixL().nestedExpression(), cholesky.vectorD());
   const auto& place = cholesky.permutationP().indices();
-  Eigen::VectorXd result(rows);
-  for (int r = 0; r < rows; ++r) result[r] = inverse(place[r], place[r]);
+  Eigen::VectorXd result(matrix_.rows());
+  for (int r = 0; r < matrix_.rows(); ++r) result[r] = inverse(place[r], place[r]);
   return result;
 }
 
-Certificate SystemProver::certify(const Eigen::MatrixXd& x, double gap) {
-  Certificate result;
-  const auto leave_range = [&result] {
-    result.proof = Proof::NotApplicable;
-    result.reason = "energy or curvature leave the range of a double";
-    return result;
-  };
+SystemProver::Bound SystemProver::bound(const Eigen::MatrixXd& x) {
+  Bound result;
   Eigen::MatrixXd gradient;
   result.energy = energy_and_gradient(system_, x, gradient);
   matrix_.assemble(system_, x, Curvature::Minorising);
-  if (!is_finite(result.energy) || !matrix_.is_finite()) return leave_range();
+  if (!is_finite(result.energy) || !matrix_.is_finite()) return result;
   // The rounding of the matrix and of its factor, less than this share of its norm, is taken off first. Rows
   // of fixed nodes have no unit; no entry is larger than those of the diagonal unless it is indefinite.
   double norm = 0;
   for (int r = 0; r < matrix_.rows(); ++r) {
     if (!is_of_fixed(r)) norm = std::max(norm, std::abs(matrix_.diagonal(r)));
   }
-  const double margin =
-      64 * std::numeric_limits<double>::epsilon() * static_cast<double>(matrix_.rows()) * norm;
-  matrix_.shift(Eigen::VectorXd::Constant(system_.nodes(), margin), -1);
-  result.proof = Proof::NotCertified;
+  margin_ = 64 * std::numeric_limits<double>::epsilon() * static_cast<double>(matrix_.rows()) * norm;
+  matrix_.shift(Eigen::VectorXd::Constant(system_.nodes(), margin_), -1);
   // The rounding of the energy, and of the gradient in the norm of M^-1.
   Term::Magnitude magnitude;
   double count = 16 * system_.dim() + system_.nodes();
@@ -210,41 +202,59 @@ Certificate SystemProver::certify(const Eigen::MatrixXd& x, double gap) {
   }
   const double share = count * std::numeric_limits<double>::epsilon();
   // Squares of what is much smaller are 0.
-  const double rounding =
+  result.rounding =
       share * (std::abs(result.energy) + magnitude.energy) + count * std::numeric_limits<double>::min();
   // The least possible energy of springs is 0, but loads have none.
   result.lower_bound = has_loads ? -std::numeric_limits<double>::infinity() : 0;
-  const bool is_definite = factor_.factorize(matrix_);
-  if (is_definite) {
-    const Eigen::MatrixXd step = factor_.solve(gradient);
+  result.has_minimum = factor_.factorize(matrix_);
+  if (result.has_minimum) {
     const Eigen::VectorXd inverse = diagonal_of_inverse();
-    double largest_inverse = 0;  // the trace bounds it from above
     for (int r = 0; r < matrix_.rows(); ++r) {
-      if (!is_of_fixed(r)) largest_inverse += inverse[r] * (1 + 1e-6);
+      if (!is_of_fixed(r)) result.trace_of_inverse += inverse[r] * (1 + 1e-6);
     }
-    const double root = std::sqrt(std::max(gradient.cwiseProduct(step).sum() / 2, 0.0)) * (1 + 1e-6) +
-                        share * magnitude.gradient * std::sqrt(largest_inverse / 2);
-    const double decrease = root * root;
-    if (!is_finite(decrease) || !is_finite(rounding) || !is_finite(largest_inverse)) return leave_range();
-    result.lower_bound = std::max(result.lower_bound, result.energy - decrease - rounding);
+    const double square = gradient.cwiseProduct(factor_.solve(gradient)).sum() / 2;
+    // The trace bounds the largest eigenvalue of the inverse.
+    const double root = std::sqrt(std::max(square, 0.0)) * (1 + 1e-6) +
+                        share * magnitude.gradient * std::sqrt(result.trace_of_inverse / 2);
+    result.decrease = root * root;
+    if (!is_finite(result.decrease) || !is_finite(result.rounding) || !is_finite(result.trace_of_inverse))
+      return result;
+    result.lower_bound = std::max(result.lower_bound, result.energy - result.decrease - result.rounding);
+  }
+  result.in_range = true;
+  return result;
+}
+
+Certificate SystemProver::certify(const Eigen::MatrixXd& x, double gap) {
+  Certificate result;
+  const Bound bound = this->bound(x);
+  result.energy = bound.energy;
+  result.lower_bound = bound.lower_bound;
+  if (!bound.in_range) {
+    result.proof = Proof::NotApplicable;
+    result.reason = "energy or curvature leave the range of a double";
+    return result;
+  }
+  result.proof = Proof::NotCertified;
+  if (bound.has_minimum) {
     // All minima y have (y - x)^T M (y - x) / 2 <= -g . (y - x), so that |y - x - M^-1 g| in M's norm is at
     // most that of M^-1 g.
-    result.least_eigenvalue = 1 / largest_inverse;
-    result.distance = 2 * std::sqrt(2 * (decrease + rounding) * largest_inverse);
+    result.least_eigenvalue = 1 / bound.trace_of_inverse;
+    result.distance = 2 * std::sqrt(2 * (bound.decrease + bound.rounding) * bound.trace_of_inverse);
   } else {
     const Eigen::VectorXd v = factor_.negative_direction(matrix_);
-    if (v.size() > 0) result.least_eigenvalue = v.dot(matrix_ * v) / v.squaredNorm() + 2 * margin;
+    if (v.size() > 0) result.least_eigenvalue = v.dot(matrix_ * v) / v.squaredNorm() + 2 * margin_;
   }
   // A placement without strain has next to no energy that a share could be taken of.
   SystemRule rule;
   rule.set(system_, x, 0);
   const double least_scale = 1e-10 * rule.node_stiffness().sum() * rule.length() * rule.length() / 2;
   const double scale = energy_scale(system_, x, result.energy);
-  if (result.energy - result.lower_bound <= gap * std::max(scale, least_scale) + rounding) {
-    result.proof = is_definite ? Proof::UniqueGlobalMinimum : Proof::GlobalMinimum;
+  if (result.energy - result.lower_bound <= gap * std::max(scale, least_scale) + bound.rounding) {
+    result.proof = bound.has_minimum ? Proof::UniqueGlobalMinimum : Proof::GlobalMinimum;
   } else {
-    result.reason = is_definite ? "x is not near enough to the minimum: solve with a smaller tolerance"
-                                : "the lower bound of the curvature is not positive definite at x";
+    result.reason = bound.has_minimum ? "x is not near enough to the minimum: solve with a smaller tolerance"
+                                      : "the lower bound of the curvature is not positive definite at x";
   }
   return result;
 }

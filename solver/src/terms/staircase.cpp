@@ -118,10 +118,10 @@ double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
     double best = 0, best_share = 0;
     bool has_minimum = false;
     const auto is_better = [&](double share) {
-      const Certificate certificate = prover.certify(x + share * *out, 0);
-      has_minimum = is_finite(certificate.distance);
-      if (!has_minimum || !(certificate.lower_bound > best)) return false;
-      best = certificate.lower_bound;
+      const SystemProver::Bound bound = prover.bound(x + share * *out);
+      has_minimum = bound.in_range && bound.has_minimum;
+      if (!has_minimum || !(bound.lower_bound > best)) return false;
+      best = bound.lower_bound;
       best_share = share;
       return true;
     };

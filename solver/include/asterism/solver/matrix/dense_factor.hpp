@@ -157,8 +157,11 @@ void DenseFactor<Scalar>::invert(const Scalar* factor, Eigen::Index n, Scalar* i
 }
 
 #ifdef ASTERISM_SOLVER_COMPILED
-extern template ASTERISM_API bool DenseFactor<double>::factorize(double*, Eigen::Index);
-extern template ASTERISM_API bool DenseFactor<float>::factorize(float*, Eigen::Index);
+// In the machine's widest vectors.
+template <>
+ASTERISM_API bool DenseFactor<double>::factorize(double* matrix, Eigen::Index n);
+template <>
+ASTERISM_API bool DenseFactor<float>::factorize(float* matrix, Eigen::Index n);
 extern template ASTERISM_API void DenseFactor<double>::invert(const double*, Eigen::Index, double*);
 extern template ASTERISM_API void DenseFactor<float>::invert(const float*, Eigen::Index, float*);
 #endif

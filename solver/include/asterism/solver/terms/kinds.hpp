@@ -142,6 +142,10 @@ class ASTERISM_API LengthTerm : public Term {
   template <int D, int kArity>
   double hooke_sum(const Points& x, Points* gradient) const;
   template <int D>
+  Magnitude magnitude(const Points& x, int begin, int end) const;
+  template <int D>
+  Magnitude plain_magnitude(const Points& x) const;
+  template <int D>
   void add_curvature(const Points& x, int begin, int end, Curvature curvature, CurvatureSink& sink) const;
   void add_stiffness(CurvatureSink& sink) const;
   template <int D, int kArity>

@@ -63,4 +63,37 @@ struct PlacedPoints {
 
 ASTERISM_API void place(const PlacedPoints& points);
 
+/// A symmetric matrix, n x n in memory, column after column, of which the lower triangle counts.
+template <typename T>
+struct SymmetricMatrix {
+  T* data;
+  std::ptrdiff_t n;
+};
+
+/// The lower triangle becomes L of L L^T (Cholesky); the upper one stays. False where the matrix is not
+/// positive definite.
+ASTERISM_API bool factorize(const SymmetricMatrix<double>& matrix);
+ASTERISM_API bool factorize(const SymmetricMatrix<float>& matrix);
+
+/// Right-hand sides of systems of equations with L L^T.
+struct RightHandSides {
+  const double* factor;          ///< L, as `factorize` leaves it
+  const double* inverse_pivots;  ///< one over its diagonal
+  std::ptrdiff_t n;
+  double* values;  ///< n numbers for each right-hand side; in the end, the solutions
+  int count;
+};
+
+void solve(const RightHandSides& right);
+
+/// The diagonal of (L L^T)^-1, each entry of which is the square of the norm of a column of L^-1.
+struct InverseDiagonal {
+  const double* factor;  ///< L, as `factorize` leaves it
+  std::ptrdiff_t n;
+  double* diagonal;
+  double* room;  ///< for n kMostLanes numbers
+};
+
+void invert(const InverseDiagonal& inverse);
+
 }  // namespace asterism::lanes_v0_1
