@@ -33,7 +33,7 @@ class DenseFactorTest : public testing::Test {};
 using Scalars = testing::Types<double, float>;
 TYPED_TEST_SUITE(DenseFactorTest, Scalars);
 
-TYPED_TEST(DenseFactorTest, HasTheMatrixAsItsProduct) {
+TYPED_TEST(DenseFactorTest, FactorsSolvesAndInverts) {
   using T = TypeParam;
   for (int n = 1; n <= 140; ++n) {
     const Matrix<T> a = random_definite<T>(n, n % 2 == 0 ? T(1e-3) : T(0.5));
@@ -42,6 +42,15 @@ TYPED_TEST(DenseFactorTest, HasTheMatrixAsItsProduct) {
     const Matrix<T> L = factor.template triangularView<Eigen::Lower>();
     const T error = (L * L.transpose() - a).norm();
     EXPECT_LE(error, 4 * std::numeric_limits<T>::epsilon() * std::sqrt(T(n)) * a.norm()) << n;
+    Matrix<T> inverse(n, n), solved = Matrix<T>::Random(n, 5);
+    const Matrix<T> right = solved;
+    detail::DenseFactor<T>::invert(factor.data(), n, inverse.data());
+    EXPECT_EQ(inverse, Matrix<T>(inverse.transpose())) << n;
+    const T digits = 64 * std::numeric_limits<T>::epsilon() * std::sqrt(T(n));
+    EXPECT_LE((a * inverse - Matrix<T>::Identity(n, n)).norm(), digits * a.norm() * inverse.norm()) << n;
+    const Eigen::Matrix<T, Eigen::Dynamic, 1> inverse_pivots = factor.diagonal().cwiseInverse();
+    detail::DenseFactor<T>::solve(factor.data(), inverse_pivots.data(), n, solved.data(), 5);
+    EXPECT_LE((a * solved - right).norm(), digits * a.norm() * solved.norm()) << n;
     const Matrix<T> above = factor.template triangularView<Eigen::StrictlyUpper>();
     EXPECT_EQ(above, Matrix<T>(a.template triangularView<Eigen::StrictlyUpper>())) << n;
   }

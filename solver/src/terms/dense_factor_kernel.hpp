@@ -125,31 +125,31 @@ class Cholesky {
 };
 
 // right <- (L L^T)^-1 right, four columns of L at a time.
-template <int kRight>
-void substitute(const RightHandSides& right) {
-  using L = DoubleLanes;
-  using V = L::V;
+template <typename L, int kRight>
+void substitute(const RightHandSides<typename L::T>& right) {
+  using T = typename L::T;
+  using V = typename L::V;
   using Index = std::ptrdiff_t;
   constexpr Index kLanes = L::kLanes;
   constexpr int kColumns = 4;
   const Index n = right.n, blocked = n - n % kColumns;
-  const double* const inverse = right.inverse_pivots;
+  const T* const inverse = right.inverse_pivots;
   const auto at = [&](Index row, Index column) ASTERISM_INLINED { return right.factor + column * n + row; };
   const auto of = [&](int r) ASTERISM_INLINED { return right.values + r * n; };
   // The unknowns from `first` to before `last`, with what others add to them already subtracted.
-  const auto forward = [&](double* b, Index first, Index last) {
+  const auto forward = [&](T* b, Index first, Index last) {
     for (Index p = first; p < last; ++p) {
       for (Index q = first; q < p; ++q) b[p] -= *at(p, q) * b[q];
       b[p] *= inverse[p];
     }
   };
-  const auto backward = [&](double* b, Index first, Index last) {
+  const auto backward = [&](T* b, Index first, Index last) {
     for (Index p = last; p-- > first;) {
       for (Index q = p + 1; q < last; ++q) b[p] -= *at(q, p) * b[q];
       b[p] *= inverse[p];
     }
   };
-  const auto load = [&](const double* from, Index rows) ASTERISM_INLINED {
+  const auto load = [&](const T* from, Index rows) ASTERISM_INLINED {
     return rows >= kLanes ? L::load(from) : L::load_first(from, int(rows));
   };
 
@@ -197,53 +197,120 @@ void substitute(const RightHandSides& right) {
   }
 }
 
-void run_with_these_instructions(const RightHandSides& right) {
+template <typename L>
+void substitute_all(const RightHandSides<typename L::T>& right) {
   constexpr int kMost = 3;  // at a time, which stay in registers
-  for (RightHandSides rest = right; rest.count > 0;) {
+  for (RightHandSides<typename L::T> rest = right; rest.count > 0;) {
     const int count = rest.count == 4 ? 2 : rest.count < kMost ? rest.count : kMost;
-    if (count == 1) substitute<1>(rest);
-    if (count == 2) substitute<2>(rest);
-    if (count == 3) substitute<3>(rest);
+    if (count == 1) substitute<L, 1>(rest);
+    if (count == 2) substitute<L, 2>(rest);
+    if (count == 3) substitute<L, 3>(rest);
     rest.values += count * rest.n;
     rest.count -= count;
   }
 }
 
-// Some columns of L^-1 at a time, one in each lane.
-void run_with_these_instructions(const InverseDiagonal& inverse) {
-  using L = DoubleLanes;
-  using V = L::V;
+void run_with_these_instructions(const RightHandSides<double>& right) { substitute_all<DoubleLanes>(right); }
+void run_with_these_instructions(const RightHandSides<float>& right) { substitute_all<FloatLanes>(right); }
+
+// Some columns of L^-1 or of (L L^T)^-1 at a time, one in each lane, from row `first` on, the number of the
+// first of them.
+template <typename L>
+class InverseColumns {
+  using T = typename L::T;
+  using V = typename L::V;
   using Index = std::ptrdiff_t;
-  constexpr Index kLanes = L::kLanes;
-  constexpr int kRows = 4;
-  const Index n = inverse.n;
-  const auto at = [&](Index row, Index column) ASTERISM_INLINED { return inverse.factor + column * n + row; };
-  for (Index first = 0; first < n; first += kLanes) {
+  static constexpr Index kLanes = L::kLanes;
+  static constexpr int kRows = 4;  // at a time
+
+ public:
+  InverseColumns(const T* factor, Index n, Index first, T* room)
+      : factor_(factor), n_(n), first_(first), room_(room) {}
+
+  /// Those of L^-1, by forward substitution of unit vectors. Returns the squares of their norms.
+  V invert_triangle() const {
     V squares = L::set(0);
-    for (Index i = first; i < n; i += kRows) {
+    for (Index i = first_; i < n_; i += kRows) {
       V sums[kRows];
       for (int r = 0; r < kRows; ++r) {
-        double unit[kLanes] = {};
-        if (i + r < first + kLanes) unit[i + r - first] = 1;
+        T unit[kLanes] = {};
+        if (i + r < first_ + kLanes) unit[i + r - first_] = 1;
         sums[r] = L::load(unit);
       }
-      for (Index k = first; k < i; ++k) {
-        const V row = L::load(inverse.room + (k - first) * kLanes);
-        const double* const factors = at(i, k);  // below the last row there is the next column
+      for (Index k = first_; k < i; ++k) {
+        const V row = L::load(at(k));
+        const T* const factors = factor(i, k);  // below the last row there is the next column
         for (int r = 0; r < kRows; ++r) sums[r] = L::fnma(L::set(factors[r]), row, sums[r]);
       }
-      for (int r = 0; r < kRows && i + r < n; ++r) {
-        for (int q = 0; q < r; ++q) sums[r] = L::fnma(L::set(*at(i + r, i + q)), sums[q], sums[r]);
-        sums[r] = sums[r] * L::set(1 / *at(i + r, i + r));
+      for (int r = 0; r < kRows && i + r < n_; ++r) {
+        for (int q = 0; q < r; ++q) sums[r] = L::fnma(L::set(*factor(i + r, i + q)), sums[q], sums[r]);
+        sums[r] = sums[r] * L::set(1 / *factor(i + r, i + r));
         squares = L::fma(sums[r], sums[r], squares);
-        L::store(inverse.room + (i + r - first) * kLanes, sums[r]);
+        L::store(at(i + r), sums[r]);
       }
     }
-    double diagonal[kLanes];
-    L::store(diagonal, squares);
-    for (Index c = first; c < n && c < first + kLanes; ++c) inverse.diagonal[c] = diagonal[c - first];
+    return squares;
+  }
+
+  /// L^-T times what invert_triangle has left.
+  void multiply_by_inverse() const {
+    for (Index end = n_; end > first_; end -= kRows) {
+      const Index i = end - first_ < kRows ? first_ : end - kRows;
+      const int rows = static_cast<int>(end - i);
+      V sums[kRows];
+      for (int r = 0; r < kRows; ++r) sums[r] = r < rows ? L::load(at(i + r)) : L::set(0);
+      for (Index k = end; k < n_; ++k) {
+        const V row = L::load(at(k));
+        for (int r = 0; r < rows; ++r) sums[r] = L::fnma(L::set(*factor(k, i + r)), row, sums[r]);
+      }
+      for (int r = rows; r-- > 0;) {
+        for (int q = r + 1; q < rows; ++q) sums[r] = L::fnma(L::set(*factor(i + q, i + r)), sums[q], sums[r]);
+        sums[r] = sums[r] * L::set(1 / *factor(i + r, i + r));
+        L::store(at(i + r), sums[r]);
+      }
+    }
+  }
+
+  /// Row `row`, a number of each column.
+  T* at(Index row) const { return room_ + (row - first_) * kLanes; }
+
+ private:
+  const T* factor(Index row, Index column) const { return factor_ + column * n_ + row; }
+
+  const T* factor_;
+  Index n_, first_;
+  T* room_;
+};
+
+void run_with_these_instructions(const InverseDiagonal& inverse) {
+  constexpr std::ptrdiff_t kLanes = DoubleLanes::kLanes;
+  for (std::ptrdiff_t first = 0; first < inverse.n; first += kLanes) {
+    double squares[kLanes];
+    const InverseColumns<DoubleLanes> columns(inverse.factor, inverse.n, first, inverse.room);
+    DoubleLanes::store(squares, columns.invert_triangle());
+    for (std::ptrdiff_t c = first; c < inverse.n && c < first + kLanes; ++c)
+      inverse.diagonal[c] = squares[c - first];
   }
 }
+
+template <typename L>
+void invert_all(const Inverse<typename L::T>& inverse) {
+  const std::ptrdiff_t n = inverse.n;
+  for (std::ptrdiff_t first = 0; first < n; first += L::kLanes) {
+    const InverseColumns<L> columns(inverse.factor, n, first, inverse.room);
+    columns.invert_triangle();
+    columns.multiply_by_inverse();
+    const int count = static_cast<int>(n - first < L::kLanes ? n - first : L::kLanes);
+    for (std::ptrdiff_t row = first; row < n; ++row) {
+      typename L::T* const numbers = columns.at(row);
+      L::store_first(inverse.values + row * n + first, L::load(numbers), count);  // the same transposed
+      for (int c = 0; c < count; ++c) inverse.values[(first + c) * n + row] = numbers[c];
+    }
+  }
+}
+
+void run_with_these_instructions(const Inverse<double>& inverse) { invert_all<DoubleLanes>(inverse); }
+void run_with_these_instructions(const Inverse<float>& inverse) { invert_all<FloatLanes>(inverse); }
 
 bool run_with_these_instructions(const SymmetricMatrix<double>& matrix) {
   return Cholesky<DoubleLanes>(matrix).factorize();

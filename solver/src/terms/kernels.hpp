@@ -42,8 +42,9 @@ struct LinkRows {
 /// Twice the energy of the links; not finite if a force is not.
 double sum(const LinkRows& links);
 
-/// No instructions have more numbers in a vector.
-inline constexpr int kMostLanes = 8;
+/// No instructions have more bytes, or numbers of type double, in a vector.
+inline constexpr int kMostBytes = 64;
+inline constexpr int kMostLanes = kMostBytes / static_cast<int>(sizeof(double));
 
 /// New points, each of which is to be placed by itself among points that are held.
 struct PlacedPoints {
@@ -76,15 +77,17 @@ ASTERISM_API bool factorize(const SymmetricMatrix<double>& matrix);
 ASTERISM_API bool factorize(const SymmetricMatrix<float>& matrix);
 
 /// Right-hand sides of systems of equations with L L^T.
+template <typename T>
 struct RightHandSides {
-  const double* factor;          ///< L, as `factorize` leaves it
-  const double* inverse_pivots;  ///< one over its diagonal
+  const T* factor;          ///< L, as `factorize` leaves it
+  const T* inverse_pivots;  ///< one over its diagonal
   std::ptrdiff_t n;
-  double* values;  ///< n numbers for each right-hand side; in the end, the solutions
+  T* values;  ///< n numbers for each right-hand side; in the end, the solutions
   int count;
 };
 
-void solve(const RightHandSides& right);
+ASTERISM_API void solve(const RightHandSides<double>& right);
+ASTERISM_API void solve(const RightHandSides<float>& right);
 
 /// The diagonal of (L L^T)^-1, each entry of which is the square of the norm of a column of L^-1.
 struct InverseDiagonal {
@@ -95,5 +98,17 @@ struct InverseDiagonal {
 };
 
 void invert(const InverseDiagonal& inverse);
+
+/// (L L^T)^-1.
+template <typename T>
+struct Inverse {
+  const T* factor;  ///< L, as `factorize` leaves it
+  std::ptrdiff_t n;
+  T* values;  ///< n x n
+  T* room;    ///< for n kMostBytes bytes
+};
+
+ASTERISM_API void invert(const Inverse<double>& inverse);
+ASTERISM_API void invert(const Inverse<float>& inverse);
 
 }  // namespace asterism::lanes_v0_1

@@ -10,10 +10,16 @@ double run_avx512(const LinkRows& links);
 double run_avx512(const LinkRows& links) { return run_with_these_instructions(links); }
 void run_avx512(const PlacedPoints& points);
 void run_avx512(const PlacedPoints& points) { run_with_these_instructions(points); }
-void run_avx512(const RightHandSides& right);
-void run_avx512(const RightHandSides& right) { run_with_these_instructions(right); }
+void run_avx512(const RightHandSides<double>& right);
+void run_avx512(const RightHandSides<double>& right) { run_with_these_instructions(right); }
+void run_avx512(const RightHandSides<float>& right);
+void run_avx512(const RightHandSides<float>& right) { run_with_these_instructions(right); }
 void run_avx512(const InverseDiagonal& inverse);
 void run_avx512(const InverseDiagonal& inverse) { run_with_these_instructions(inverse); }
+void run_avx512(const Inverse<double>& inverse);
+void run_avx512(const Inverse<double>& inverse) { run_with_these_instructions(inverse); }
+void run_avx512(const Inverse<float>& inverse);
+void run_avx512(const Inverse<float>& inverse) { run_with_these_instructions(inverse); }
 bool run_avx512(const SymmetricMatrix<double>& matrix);
 bool run_avx512(const SymmetricMatrix<double>& matrix) { return run_with_these_instructions(matrix); }
 bool run_avx512(const SymmetricMatrix<float>& matrix);

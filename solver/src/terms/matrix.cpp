@@ -432,7 +432,7 @@ Eigen::VectorXd SystemFactor::negative_direction(const SystemMatrix& matrix) con
 Eigen::VectorXd SystemFactor::diagonal_of_inverse() const {
   Eigen::VectorXd result(rows_);
   std::vector<double> room(static_cast<std::size_t>(lanes_v0_1::kMostLanes * rows_));
-  lanes_v0_1::invert({factor_.data(), rows_, result.data(), room.data()});
+  lanes_v0_1::invert(lanes_v0_1::InverseDiagonal{factor_.data(), rows_, result.data(), room.data()});
   return result;
 }
 

@@ -319,7 +319,7 @@ class ImplicitSolver {
       }
       if (large_.kind == Kind::Dense) {
         result = b;
-        DenseFactor<Scalar>::solve(large_.dense.data(), b.size(), result.data());
+        DenseFactor<Scalar>::solve(large_.dense.data(), large_.vector.data(), b.size(), result.data(), 1);
         return;
       }
     }
@@ -386,6 +386,7 @@ class ImplicitSolver {
         for (int c = 0; c < pivots.size(); ++c) {
           if (!(large_.dense(c, c) * large_.dense(c, c) > kRounding * pivots[c])) return false;
         }
+        pivots = pivots.cwiseInverse();
         return true;
       }
       if (large_.kind == Kind::Sparse) {
