@@ -31,10 +31,9 @@ struct Double8 {
   ASTERISM_INLINE V set(T a) { return _mm512_set1_pd(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm512_loadu_pd(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm512_storeu_pd(a, v); }
-  // Of the first `count` numbers alone; the others are 0, and not touched in memory.
-  ASTERISM_INLINE V load_first(const T* a, int count) { return _mm512_maskz_loadu_pd(first(count), a); }
-  ASTERISM_INLINE void store_first(T* a, V v, int count) { _mm512_mask_storeu_pd(a, first(count), v); }
-  ASTERISM_INLINE M first(int count) { return static_cast<M>((1U << count) - 1); }
+  // Of some lanes alone; the others are 0, and not touched in memory.
+  ASTERISM_INLINE V load(const T* a, M which) { return _mm512_maskz_loadu_pd(which, a); }
+  ASTERISM_INLINE void store(T* a, V v, M which) { _mm512_mask_storeu_pd(a, which, v); }
   ASTERISM_INLINE V fma(V a, V b, V c) { return _mm512_fmadd_pd(a, b, c); }    // a b + c
   ASTERISM_INLINE V fnma(V a, V b, V c) { return _mm512_fnmadd_pd(a, b, c); }  // c - a b
   ASTERISM_INLINE V fnms(V a, V b, V c) { return _mm512_fnmsub_pd(a, b, c); }  // -a b - c
@@ -42,6 +41,7 @@ struct Double8 {
   ASTERISM_INLINE V max(V a, V b) { return _mm512_max_pd(a, b); }  // b where one is NaN
   ASTERISM_INLINE V abs(V a) { return _mm512_abs_pd(a); }
   ASTERISM_INLINE V sqrt(V a) { return _mm512_sqrt_pd(a); }
+  ASTERISM_INLINE T sum(V a) { return _mm512_reduce_add_pd(a); }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }  // a shorter chain than a refined estimate
   // Refines an estimate of 14 bits: its relative error e becomes e^4.
   ASTERISM_INLINE V inverse_sqrt(V a) {
@@ -68,9 +68,8 @@ struct Float16 {
   ASTERISM_INLINE V set(T a) { return _mm512_set1_ps(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm512_loadu_ps(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm512_storeu_ps(a, v); }
-  ASTERISM_INLINE V load_first(const T* a, int count) { return _mm512_maskz_loadu_ps(first(count), a); }
-  ASTERISM_INLINE void store_first(T* a, V v, int count) { _mm512_mask_storeu_ps(a, first(count), v); }
-  ASTERISM_INLINE M first(int count) { return static_cast<M>((1U << count) - 1); }
+  ASTERISM_INLINE V load(const T* a, M which) { return _mm512_maskz_loadu_ps(which, a); }
+  ASTERISM_INLINE void store(T* a, V v, M which) { _mm512_mask_storeu_ps(a, which, v); }
   ASTERISM_INLINE V fma(V a, V b, V c) { return _mm512_fmadd_ps(a, b, c); }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return _mm512_fnmadd_ps(a, b, c); }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return _mm512_fnmsub_ps(a, b, c); }
@@ -78,6 +77,7 @@ struct Float16 {
   ASTERISM_INLINE V max(V a, V b) { return _mm512_max_ps(a, b); }
   ASTERISM_INLINE V abs(V a) { return _mm512_abs_ps(a); }
   ASTERISM_INLINE V sqrt(V a) { return _mm512_sqrt_ps(a); }
+  ASTERISM_INLINE T sum(V a) { return _mm512_reduce_add_ps(a); }
   ASTERISM_INLINE V inverse(V a) {
     const V y = _mm512_rcp14_ps(a);
     return fma(y, fnma(a, y, set(1)), y);
@@ -110,11 +110,8 @@ struct Double4 {
   ASTERISM_INLINE V set(T a) { return _mm256_set1_pd(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm256_loadu_pd(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm256_storeu_pd(a, v); }
-  ASTERISM_INLINE V load_first(const T* a, int count) { return _mm256_maskload_pd(a, first(count)); }
-  ASTERISM_INLINE void store_first(T* a, V v, int count) { _mm256_maskstore_pd(a, first(count), v); }
-  ASTERISM_INLINE __m256i first(int count) {
-    return _mm256_cmpgt_epi64(_mm256_set1_epi64x(count), _mm256_set_epi64x(3, 2, 1, 0));
-  }
+  ASTERISM_INLINE V load(const T* a, M which) { return _mm256_maskload_pd(a, _mm256_castpd_si256(which)); }
+  ASTERISM_INLINE void store(T* a, V v, M which) { _mm256_maskstore_pd(a, _mm256_castpd_si256(which), v); }
   ASTERISM_INLINE V fma(V a, V b, V c) { return _mm256_fmadd_pd(a, b, c); }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return _mm256_fnmadd_pd(a, b, c); }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return _mm256_fnmsub_pd(a, b, c); }
@@ -122,6 +119,10 @@ struct Double4 {
   ASTERISM_INLINE V max(V a, V b) { return _mm256_max_pd(a, b); }
   ASTERISM_INLINE V abs(V a) { return _mm256_andnot_pd(_mm256_set1_pd(-0.0), a); }
   ASTERISM_INLINE V sqrt(V a) { return _mm256_sqrt_pd(a); }
+  ASTERISM_INLINE T sum(V a) {
+    const __m128d two = _mm_add_pd(_mm256_castpd256_pd128(a), _mm256_extractf128_pd(a, 1));
+    return _mm_cvtsd_f64(_mm_add_sd(two, _mm_unpackhi_pd(two, two)));
+  }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }
   ASTERISM_INLINE V inverse_sqrt(V a) { return set(1) / sqrt(a); }
   ASTERISM_INLINE M less(V a, V b) { return _mm256_cmp_pd(a, b, _CMP_LT_OQ); }
@@ -147,11 +148,8 @@ struct Float8 {
   ASTERISM_INLINE V set(T a) { return _mm256_set1_ps(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm256_loadu_ps(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm256_storeu_ps(a, v); }
-  ASTERISM_INLINE V load_first(const T* a, int count) { return _mm256_maskload_ps(a, first(count)); }
-  ASTERISM_INLINE void store_first(T* a, V v, int count) { _mm256_maskstore_ps(a, first(count), v); }
-  ASTERISM_INLINE __m256i first(int count) {
-    return _mm256_cmpgt_epi32(_mm256_set1_epi32(count), _mm256_set_epi32(7, 6, 5, 4, 3, 2, 1, 0));
-  }
+  ASTERISM_INLINE V load(const T* a, M which) { return _mm256_maskload_ps(a, _mm256_castps_si256(which)); }
+  ASTERISM_INLINE void store(T* a, V v, M which) { _mm256_maskstore_ps(a, _mm256_castps_si256(which), v); }
   ASTERISM_INLINE V fma(V a, V b, V c) { return _mm256_fmadd_ps(a, b, c); }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return _mm256_fnmadd_ps(a, b, c); }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return _mm256_fnmsub_ps(a, b, c); }
@@ -159,6 +157,11 @@ struct Float8 {
   ASTERISM_INLINE V max(V a, V b) { return _mm256_max_ps(a, b); }
   ASTERISM_INLINE V abs(V a) { return _mm256_andnot_ps(_mm256_set1_ps(-0.0F), a); }
   ASTERISM_INLINE V sqrt(V a) { return _mm256_sqrt_ps(a); }
+  ASTERISM_INLINE T sum(V a) {
+    const __m128 four = _mm_add_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps(a, 1));
+    const __m128 two = _mm_add_ps(four, _mm_movehl_ps(four, four));
+    return _mm_cvtss_f32(_mm_add_ss(two, _mm_shuffle_ps(two, two, 1)));
+  }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }
   ASTERISM_INLINE V inverse_sqrt(V a) {
     const V y = _mm256_rsqrt_ps(a);
@@ -192,12 +195,17 @@ struct Double2 {
   ASTERISM_INLINE V set(T a) { return _mm_set1_pd(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm_loadu_pd(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm_storeu_pd(a, v); }
-  ASTERISM_INLINE V load_first(const T* a, int count) {
-    return count == kLanes ? load(a) : count == 1 ? _mm_load_sd(a) : set(0);
+  ASTERISM_INLINE V load(const T* a, M which) {
+    T lanes[kLanes];
+    for (int i = 0; i < kLanes; ++i) lanes[i] = (bits(which) >> i & 1U) != 0 ? a[i] : T(0);
+    return load(lanes);
   }
-  ASTERISM_INLINE void store_first(T* a, V v, int count) {
-    if (count == kLanes) store(a, v);
-    if (count == 1) _mm_store_sd(a, v);
+  ASTERISM_INLINE void store(T* a, V v, M which) {
+    T lanes[kLanes];
+    store(lanes, v);
+    for (int i = 0; i < kLanes; ++i) {
+      if ((bits(which) >> i & 1U) != 0) a[i] = lanes[i];
+    }
   }
   ASTERISM_INLINE V fma(V a, V b, V c) { return a * b + c; }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return c - a * b; }
@@ -206,6 +214,7 @@ struct Double2 {
   ASTERISM_INLINE V max(V a, V b) { return _mm_max_pd(a, b); }
   ASTERISM_INLINE V abs(V a) { return _mm_andnot_pd(_mm_set1_pd(-0.0), a); }
   ASTERISM_INLINE V sqrt(V a) { return _mm_sqrt_pd(a); }
+  ASTERISM_INLINE T sum(V a) { return _mm_cvtsd_f64(_mm_add_sd(a, _mm_unpackhi_pd(a, a))); }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }
   ASTERISM_INLINE V inverse_sqrt(V a) { return set(1) / sqrt(a); }
   ASTERISM_INLINE M less(V a, V b) { return _mm_cmplt_pd(a, b); }
@@ -230,15 +239,17 @@ struct Float4 {
   ASTERISM_INLINE V set(T a) { return _mm_set1_ps(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm_loadu_ps(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm_storeu_ps(a, v); }
-  ASTERISM_INLINE V load_first(const T* a, int count) {
-    T lanes[kLanes] = {};
-    for (int i = 0; i < count; ++i) lanes[i] = a[i];
+  ASTERISM_INLINE V load(const T* a, M which) {
+    T lanes[kLanes];
+    for (int i = 0; i < kLanes; ++i) lanes[i] = (bits(which) >> i & 1U) != 0 ? a[i] : T(0);
     return load(lanes);
   }
-  ASTERISM_INLINE void store_first(T* a, V v, int count) {
+  ASTERISM_INLINE void store(T* a, V v, M which) {
     T lanes[kLanes];
     store(lanes, v);
-    for (int i = 0; i < count; ++i) a[i] = lanes[i];
+    for (int i = 0; i < kLanes; ++i) {
+      if ((bits(which) >> i & 1U) != 0) a[i] = lanes[i];
+    }
   }
   ASTERISM_INLINE V fma(V a, V b, V c) { return a * b + c; }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return c - a * b; }
@@ -247,6 +258,10 @@ struct Float4 {
   ASTERISM_INLINE V max(V a, V b) { return _mm_max_ps(a, b); }
   ASTERISM_INLINE V abs(V a) { return _mm_andnot_ps(_mm_set1_ps(-0.0F), a); }
   ASTERISM_INLINE V sqrt(V a) { return _mm_sqrt_ps(a); }
+  ASTERISM_INLINE T sum(V a) {
+    const V two = _mm_add_ps(a, _mm_movehl_ps(a, a));
+    return _mm_cvtss_f32(_mm_add_ss(two, _mm_shuffle_ps(two, two, 1)));
+  }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }
   ASTERISM_INLINE V inverse_sqrt(V a) { return set(1) / sqrt(a); }
   ASTERISM_INLINE M less(V a, V b) { return _mm_cmplt_ps(a, b); }
@@ -309,15 +324,18 @@ struct Lanes4 {
   ASTERISM_INLINE void store(T* a, V v) {
     for (int i = 0; i < kLanes; ++i) a[i] = v.at[i];
   }
-  ASTERISM_INLINE V load_first(const T* a, int count) {
-    return each([&](int i) ASTERISM_INLINED { return i < count ? a[i] : T(0); });
+  ASTERISM_INLINE V load(const T* a, M which) {
+    return each([&](int i) ASTERISM_INLINED { return which.at[i] ? a[i] : T(0); });
   }
-  ASTERISM_INLINE void store_first(T* a, V v, int count) {
-    for (int i = 0; i < count; ++i) a[i] = v.at[i];
+  ASTERISM_INLINE void store(T* a, V v, M which) {
+    for (int i = 0; i < kLanes; ++i) {
+      if (which.at[i]) a[i] = v.at[i];
+    }
   }
   ASTERISM_INLINE V fma(V a, V b, V c) { return a * b + c; }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return c - a * b; }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return set(0) - a * b - c; }
+  ASTERISM_INLINE T sum(V a) { return (a.at[0] + a.at[2]) + (a.at[1] + a.at[3]); }
   ASTERISM_INLINE V min(V a, V b) { return select(less(a, b), a, b); }
   ASTERISM_INLINE V max(V a, V b) { return select(less(b, a), a, b); }
   ASTERISM_INLINE V abs(V a) {
@@ -368,13 +386,13 @@ using FloatLanes = Lanes4<float>;
 
 #endif
 
-/// The sum of the numbers in all lanes.
+/// The lanes from `from` on and before `to`.
 template <typename L>
-ASTERISM_INLINE typename L::T total(typename L::V v) {
-  typename L::T lanes[L::kLanes], sum = 0;
-  L::store(lanes, v);
-  for (const typename L::T lane : lanes) sum += lane;
-  return sum;
+ASTERISM_INLINE typename L::M lanes_between(std::ptrdiff_t from, std::ptrdiff_t to) {
+  const auto below = [](std::ptrdiff_t lane) ASTERISM_INLINED {
+    return lane <= 0 ? 0U : lane < L::kLanes ? (1U << lane) - 1 : ~0U;
+  };
+  return L::mask(below(to) & ~below(from) & ((1U << L::kLanes) - 1));
 }
 
 }  // namespace

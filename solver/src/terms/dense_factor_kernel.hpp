@@ -48,14 +48,13 @@ class Cholesky {
   template <bool kWhole>
   [[gnu::always_inline]] inline void tile(Index first, Index last, Index i, Index c, bool is_diagonal) const {
     const Index rows = n_ - i;
-    const int low = static_cast<int>(least(rows, kLanes));
-    const int high = rows > kLanes ? static_cast<int>(least(rows - kLanes, kLanes)) : 0;
+    const auto low = lanes_between<L>(0, rows), high = lanes_between<L>(0, rows - kLanes);
     V sums[kColumns][2];
     for (auto& sum : sums) sum[0] = sum[1] = L::set(0);
     for (Index k = first; k < last; ++k) {
       const T* const row = at(i, k);
-      const V lower = kWhole ? L::load(row) : L::load_first(row, low);
-      const V upper = kWhole ? L::load(row + kLanes) : L::load_first(row + kLanes, high);
+      const V lower = kWhole ? L::load(row) : L::load(row, low);
+      const V upper = kWhole ? L::load(row + kLanes) : L::load(row + kLanes, high);
       const T* const of = at(c, k);
       for (int s = 0; s < kColumns; ++s) {
         const V factor = L::set(of[s]);
@@ -96,16 +95,17 @@ class Cholesky {
     }
     if (columns < kColumns) return true;
     for (Index i = c + kColumns; i < n_; i += kLanes) {
-      const int rows = static_cast<int>(least(n_ - i, kLanes));
+      const bool is_whole = i + kLanes <= n_;
+      const auto rows = lanes_between<L>(0, n_ - i);
       V x[kColumns];
       for (int s = 0; s < kColumns; ++s) {
-        V value = rows == kLanes ? L::load(at(i, c + s)) : L::load_first(at(i, c + s), rows);
+        V value = is_whole ? L::load(at(i, c + s)) : L::load(at(i, c + s), rows);
         for (int q = 0; q < s; ++q) value = L::fnma(L::set(factors[s][q]), x[q], value);
         x[s] = value * L::set(inverse[s]);
-        if (rows == kLanes) {
+        if (is_whole) {
           L::store(at(i, c + s), x[s]);
         } else {
-          L::store_first(at(i, c + s), x[s], rows);
+          L::store(at(i, c + s), x[s], rows);
         }
       }
     }
@@ -149,11 +149,13 @@ void substitute(const RightHandSides<typename L::T>& right) {
       b[p] *= inverse[p];
     }
   };
-  const auto load = [&](const T* from, Index rows) ASTERISM_INLINED {
-    return rows >= kLanes ? L::load(from) : L::load_first(from, int(rows));
+  typename L::M rest;  // the lanes of the last rows below a block
+  const auto load = [&](const T* from, Index i) ASTERISM_INLINED {
+    return i + kLanes <= n ? L::load(from + i) : L::load(from + i, rest);
   };
 
   for (Index j = 0; j < blocked; j += kColumns) {
+    rest = lanes_between<L>(0, (n - j - kColumns) % kLanes);
     V factors[kRight][kColumns];
     for (int r = 0; r < kRight; ++r) {
       forward(of(r), j, j + kColumns);
@@ -161,14 +163,14 @@ void substitute(const RightHandSides<typename L::T>& right) {
     }
     for (Index i = j + kColumns; i < n; i += kLanes) {
       V columns[kColumns];
-      for (int c = 0; c < kColumns; ++c) columns[c] = load(at(i, j + c), n - i);
+      for (int c = 0; c < kColumns; ++c) columns[c] = load(at(0, j + c), i);
       for (int r = 0; r < kRight; ++r) {
-        V b = load(of(r) + i, n - i);
+        V b = load(of(r), i);
         for (int c = 0; c < kColumns; ++c) b = L::fnma(columns[c], factors[r][c], b);
         if (i + kLanes <= n) {
           L::store(of(r) + i, b);
         } else {
-          L::store_first(of(r) + i, b, static_cast<int>(n - i));
+          L::store(of(r) + i, b, rest);
         }
       }
     }
@@ -178,20 +180,21 @@ void substitute(const RightHandSides<typename L::T>& right) {
     backward(of(r), blocked, n);
   }
   for (Index j = blocked; (j -= kColumns) >= 0;) {
+    rest = lanes_between<L>(0, (n - j - kColumns) % kLanes);
     V sums[kRight][kColumns];
     for (auto& each : sums) {
       for (V& sum : each) sum = L::set(0);
     }
     for (Index i = j + kColumns; i < n; i += kLanes) {
       V columns[kColumns];
-      for (int c = 0; c < kColumns; ++c) columns[c] = load(at(i, j + c), n - i);
+      for (int c = 0; c < kColumns; ++c) columns[c] = load(at(0, j + c), i);
       for (int r = 0; r < kRight; ++r) {
-        const V b = load(of(r) + i, n - i);
+        const V b = load(of(r), i);
         for (int c = 0; c < kColumns; ++c) sums[r][c] = L::fma(columns[c], b, sums[r][c]);
       }
     }
     for (int r = 0; r < kRight; ++r) {
-      for (int c = 0; c < kColumns; ++c) of(r)[j + c] -= total<L>(sums[r][c]);
+      for (int c = 0; c < kColumns; ++c) of(r)[j + c] -= L::sum(sums[r][c]);
       backward(of(r), j, j + kColumns);
     }
   }
@@ -303,7 +306,8 @@ void invert_all(const Inverse<typename L::T>& inverse) {
     const int count = static_cast<int>(n - first < L::kLanes ? n - first : L::kLanes);
     for (std::ptrdiff_t row = first; row < n; ++row) {
       typename L::T* const numbers = columns.at(row);
-      L::store_first(inverse.values + row * n + first, L::load(numbers), count);  // the same transposed
+      L::store(inverse.values + row * n + first, L::load(numbers),
+               lanes_between<L>(0, count));  // the same transposed
       for (int c = 0; c < count; ++c) inverse.values[(first + c) * n + row] = numbers[c];
     }
   }

@@ -1,46 +1,12 @@
 #pragma once
 
 #include <asterism/solver/base/export.hpp>
+#include <asterism/solver/energy/link_rows.hpp>
 #include <cstddef>
 
 // The border to kernels for wide instructions; see asterism/solver/batch/batch_kernels.hpp for what may not
 // be on it.
 namespace asterism::lanes_v0_1 {
-
-/// Squares of lengths below are left to others: rounding takes too much of them.
-inline constexpr double kLeastLengthSquare = 0x1p-970;
-/// No links have more coordinates.
-inline constexpr int kMostCoordinates = 64;
-/// More finite numbers than points in each row of coordinates, which are not used.
-inline constexpr int kBeyond = 8;
-
-/// Numbers of links; `stride` is 0 where all have the same, of which there are kBeyond more copies than
-/// nodes.
-struct LinkNumbers {
-  const double* data;
-  std::ptrdiff_t stride;
-};
-
-/// Links of which many are in rows, (i, j), (i, j + 1), ..., as all pairs of nodes are.
-struct LinkRows {
-  const int* pairs;       ///< the nodes of each link; null where they are all pairs
-  int count;              ///< of links
-  int nodes;              ///< the number of nodes that may be linked
-  int dim;                ///< 1 to kMostCoordinates
-  std::ptrdiff_t stride;  ///< from one row of points and of forces to the next, nodes + kBeyond at least
-  const double* points;   ///< a row of finite numbers for each coordinate
-  double* forces;         ///< on the points, to which those of the links are added; or null
-  /// A stretch is r - lower for lengths r below `lower`, r - upper above `upper`, and 0 between them. Hooke's
-  /// law has upper = lower.
-  bool is_hooke;
-  LinkNumbers lower, upper, stiffness;
-  /// Is told of each link that is too short, which is left out.
-  void (*left_out)(void* context, int link);
-  void* context;
-};
-
-/// Twice the energy of the links; not finite if a force is not.
-double sum(const LinkRows& links);
 
 /// No instructions have more bytes, or numbers of type double, in a vector.
 inline constexpr int kMostBytes = 64;

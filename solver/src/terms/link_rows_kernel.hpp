@@ -24,7 +24,7 @@ double sum_of(const LinkRows& links) {
   using V = typename L::V;
   constexpr int kLanes = L::kLanes, kMost = kDim > 0 ? kDim : kMostCoordinates;
   const int dim = kDim > 0 ? kDim : links.dim;
-  const V zero = L::set(0), least = L::set(kLeastLengthSquare);
+  const V zero = L::set(0), one = L::set(1), least = L::set(kLeastLengthSquare);
   const double* points[kMost];
   double* forces[kMost];
   for (int c = 0; c < dim; ++c) {
@@ -44,53 +44,49 @@ double sum_of(const LinkRows& links) {
     for (int c = 0; c < dim; ++c) from[c] = L::set(points[c][i]), sum[c] = zero;
     V shortest = least;
 
-    // The links from e on, whose numbers are at these addresses, in the lanes of `which`.
-    const auto add = [&](int e, typename L::M which, const double* lower_at, const double* upper_at,
-                         const double* stiffness_at) ASTERISM_INLINED {
-      V d[kMost], square = zero;
-      for (int c = 0; c < dim; ++c) {
-        d[c] = from[c] - L::load(points[c] + j + e);
-        square = L::fma(d[c], d[c], square);
-      }
-      shortest = L::min(square, shortest);
-      const V inverse = L::inverse_sqrt(L::max(square, least));
-      const V r = square * inverse;
-      V stretch = r - L::load(lower_at);
-      if (!kHooke) stretch = L::min(stretch, zero) + L::max(r - L::load(upper_at), zero);
-      const V k = L::select(L::both(which, L::at_most(least, square)), L::load(stiffness_at), zero);
-      const V tension = k * stretch;
-      energy = L::fma(tension, stretch, energy);
-      if (!kWithForces) return;
-      const V weight = tension * inverse;
-      energy = L::fma(weight, zero, energy);
-      for (int c = 0; c < dim; ++c) {
-        double* const at = forces[c] + j + e;
-        const V force = weight * d[c];
-        sum[c] = sum[c] + force;
-        L::store(at, L::load(at) - force);
-      }
-    };
-    const auto all = L::mask((1U << kLanes) - 1);
-    int e = 0;
-    for (; e + kLanes <= length; e += kLanes) add(e, all, lower + e, upper + e, stiffness + e);
-    if (e < length) {
-      const auto rest = L::mask((1U << (length - e)) - 1);
-      if (first + e + kLanes <= links.count) {  // what is beyond the row belongs to the next links
-        add(e, rest, lower + e, upper + e, stiffness + e);
-      } else {
-        double numbers[3][kLanes] = {};
-        for (int w = 0; e + w < length; ++w) {
-          numbers[0][w] = lower[e + w];
-          numbers[1][w] = upper[e + w];
-          numbers[2][w] = stiffness[e + w];
-        }
-        add(e, rest, numbers[0], numbers[1], numbers[2]);
+    // The links to the nodes from `to` on; kWhole: all of them are in the row.
+    const auto add = [&]<bool kWhole>(int to, typename L::M which, V lower_of, V upper_of, V stiffness_of)
+                         ASTERISM_INLINED {
+                           V d[kMost], square = zero;
+                           for (int c = 0; c < dim; ++c) {
+                             d[c] = from[c] - L::load(points[c] + to);
+                             square = L::fma(d[c], d[c], square);
+                           }
+                           if (!kWhole) square = L::select(which, square, one);
+                           shortest = L::min(square, shortest);
+                           const V inverse = L::inverse_sqrt(L::max(square, least));
+                           const V r = square * inverse;
+                           V stretch = r - lower_of;
+                           if (!kHooke) stretch = L::min(stretch, zero) + L::max(r - upper_of, zero);
+                           const V k = L::select(L::at_most(least, square), stiffness_of, zero);
+                           const V tension = k * stretch;
+                           energy = L::fma(tension, stretch, energy);
+                           if (!kWithForces) return;
+                           const V weight = tension * inverse;
+                           energy = L::fma(weight, zero, energy);
+                           for (int c = 0; c < dim; ++c) {
+                             double* const at = forces[c] + to;
+                             const V force = weight * d[c];
+                             sum[c] = sum[c] + force;
+                             L::store(at, L::load(at) - force);
+                           }
+                         };
+    // Vectors begin at multiples of their size: what one row has stored, the next one loads as a whole.
+    for (int to = j - j % kLanes; to < j + length; to += kLanes) {
+      const std::ptrdiff_t e = to - j;
+      const auto which = lanes_between<L>(-e, length - e);
+      if (e >= 0 && e + kLanes <= length) {
+        add.template operator()<true>(to, which, L::load(lower + e), L::load(upper + e),
+                                      L::load(stiffness + e));
+      } else {  // the others have no stiffness
+        add.template operator()<false>(to, which, L::load(lower + e, which), L::load(upper + e, which),
+                                       L::load(stiffness + e, which));
       }
     }
-    for (int c = 0; kWithForces && c < dim; ++c) forces[c][i] += total<L>(sum[c]);
+    for (int c = 0; kWithForces && c < dim; ++c) forces[c][i] += L::sum(sum[c]);
 
     if (L::bits(L::less(shortest, least)) == 0) continue;
-    for (e = 0; e < length; ++e) {
+    for (int e = 0; e < length; ++e) {
       double square = 0;
       for (int c = 0; c < dim; ++c) {
         const double offset = points[c][i] - points[c][j + e];
@@ -99,7 +95,7 @@ double sum_of(const LinkRows& links) {
       if (!(square >= kLeastLengthSquare)) links.left_out(links.context, first + e);
     }
   }
-  return total<L>(energy);
+  return L::sum(energy);
 }
 
 template <int kDim>

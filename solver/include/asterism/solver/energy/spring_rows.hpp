@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
+#include <asterism/solver/energy/link_rows.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <cmath>
+#include <cstddef>
 #include <cstring>
 #include <limits>
 #include <type_traits>
@@ -72,7 +74,7 @@ class SpringRows {
   static constexpr bool kPossible = (kDim == 2 || kDim == 3) && kMostNodes >= kLeastNodes &&
                                     kMostNodes <= 1024 &&
                                     std::is_same_v<typename System::Model::LinkPotential, Hooke>;
-  static constexpr int kPadding = 3;
+  static constexpr int kPadding = lanes_v0_1::kBeyond;
   // Springs at a time.
   static constexpr int kWidth =
       std::max<int>(2, static_cast<int>(EIGEN_MAX_STATIC_ALIGN_BYTES / sizeof(Scalar)));
@@ -98,6 +100,13 @@ class SpringRows {
 
   template <bool kWithGradient>
   Scalar total() {
+#ifdef ASTERISM_SOLVER_COMPILED
+    constexpr int kLeastNodesOfKernel =
+        20;  // below, what it does once for each row takes longer than it saves
+    if constexpr (std::is_same_v<Scalar, double>) {
+      if (system_.nodes() >= kLeastNodesOfKernel) return sum_by_kernel<kWithGradient>();
+    }
+#endif
 #ifdef ASTERISM_SPRING_ROWS_AVX2
     if constexpr (std::is_same_v<Scalar, double>) {
       if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return sum_avx2<kWithGradient>();
@@ -105,6 +114,41 @@ class SpringRows {
 #endif
     return sum<kWithGradient>();
   }
+
+#ifdef ASTERISM_SOLVER_COMPILED
+  // By the widest vectors of the processor.
+  template <bool kWithGradient>
+  double sum_by_kernel() {
+    struct LeftOut {
+      SpringRows& rows;
+      double energy = 0;
+    } left_out{*this};
+    const lanes_v0_1::LinkNumbers rest_length{system_.rest_length.data(), 1};
+    const lanes_v0_1::LinkRows rows{.pairs = nullptr,
+                                    .count = system_.link_count(),
+                                    .nodes = system_.nodes(),
+                                    .dim = kDim,
+                                    .stride = kMostNodes + kPadding,
+                                    .points = coordinates_[0],
+                                    .forces = kWithGradient ? forces_[0] : nullptr,
+                                    .is_hooke = true,
+                                    .lower = rest_length,
+                                    .upper = rest_length,
+                                    .stiffness = {system_.link_stiffness.data(), 1},
+                                    .left_out =
+                                        [](void* context, int l) {
+                                          auto& here = *static_cast<LeftOut*>(context);
+                                          const System& system = here.rows.system_;
+                                          const Link& link = system.links()[static_cast<std::size_t>(l)];
+                                          here.energy += here.rows.template one<kWithGradient>(
+                                              link.i, link.j, system.rest_length[l],
+                                              system.link_stiffness[l]);
+                                        },
+                                    .context = &left_out};
+    const double twice = lanes_v0_1::sum(rows);
+    return (twice + left_out.energy) / 2;
+  }
+#endif
 
   template <bool kWithGradient>
   Scalar sum() {
