@@ -13,9 +13,9 @@ if [[ $# == 0 || ! -f $profiles/all.profdata ]]; then
   cmake --build --preset coverage
   rm -rf "$profiles"
   # The processes of each program share a few files, to which they add their counts. The tests of the package
-  # are left out as they build their own programs, and batch_symbols as the counters are symbols that it
+  # are left out as they build their own programs, and wide_symbols as the counters are symbols that it
   # forbids.
-  LLVM_PROFILE_FILE=$PWD/$profiles/%4m.profraw ctest --preset coverage --parallel 2 -LE package -E batch_symbols ||
+  LLVM_PROFILE_FILE=$PWD/$profiles/%4m.profraw ctest --preset coverage --parallel 2 -LE package -E wide_symbols ||
     echo "coverage: a test that fills the disk, or kills a process, fails here with its counters" >&2
   llvm-profdata merge -sparse -failure-mode=all "$profiles"/*.profraw -o "$profiles/all.profdata"
 fi
