@@ -386,7 +386,7 @@ class ImplicitSolver {
         for (int c = 0; c < pivots.size(); ++c) {
           if (!(large_.dense(c, c) * large_.dense(c, c) > kRounding * pivots[c])) return false;
         }
-        pivots = pivots.cwiseInverse();
+        large_.vector = large_.dense.diagonal().cwiseInverse();  // for solve
         return true;
       }
       if (large_.kind == Kind::Sparse) {
