@@ -4,6 +4,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <asterism/solver/base/split_mix.hpp>
 #include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/others/lgt.hpp>
@@ -26,22 +27,7 @@ namespace {
 
 using namespace asterism;
 using namespace asterism::bench;
-
-// splitmix64 (Steele, Lea and Flood 2014), the same with every compiler.
-class Random {
- public:
-  explicit Random(std::uint64_t seed) : state_(seed) {}
-  // Less than `limit`, which is at least 1.
-  std::size_t operator()(std::size_t limit) {
-    std::uint64_t z = state_ += 0x9e3779b97f4a7c15ULL;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-    return (z ^ (z >> 31)) % limit;
-  }
-
- private:
-  std::uint64_t state_;
-};
+using asterism::detail::SplitMix64;
 
 // The first frames of a sequence.
 struct Clip {
@@ -140,10 +126,12 @@ cv::Mat covered(const cv::Mat& image, const cv::Rect2d& object, const cv::Rect2d
 }
 
 std::vector<Kind> kinds(const Clip& clip, std::size_t at, const Clip& other, const Clip& third,
-                        Random& random) {
+                        SplitMix64& random) {
   const Interrupter interrupter(clip, at);
   const cv::Mat& first = clip.images[0];
-  const auto begin = [&](const Clip& of) { return random(std::max<std::size_t>(of.images.size(), 26) - 25); };
+  const auto begin = [&](const Clip& of) {
+    return random.below(std::max<std::size_t>(of.images.size(), 26) - 25);
+  };
   const std::size_t of_other = begin(other), of_third = begin(third);
   std::vector<Kind> result{{"unaltered", {}}};
   interrupter.go_on(result.back());
@@ -175,7 +163,8 @@ std::vector<Kind> kinds(const Clip& clip, std::size_t at, const Clip& other, con
   inserted("rolled by half the height, 5", 5, [](Image image, int) { return testing::rolled(image); });
   inserted("doubled at half the height, 5", 5, [](Image image, int) { return testing::doubled(image); });
   inserted("station's logo, 5", 5, [](Image image, int) { return testing::with_logo(image); });
-  const auto row = static_cast<int>(first.rows / 4 + random(static_cast<std::size_t>(first.rows / 2 + 1)));
+  const auto row =
+      static_cast<int>(first.rows / 4 + random.below(static_cast<std::size_t>(first.rows / 2 + 1)));
   inserted("decoder's smear, 5", 5, [row](Image image, int) { return testing::smeared(image, row); });
 
   const auto gray = [&](int level) { return testing::of_one_color(first, cv::Scalar::all(level)); };
@@ -212,12 +201,12 @@ void measure(const GatedTracker<T>& tracker, const std::string& name, const std:
              std::size_t draws) {
   std::vector<Sums> sums;
   for (std::size_t run = 0; run < draws * clips.size(); ++run) {
-    Random random(1000 + run);
+    SplitMix64 random(1000 + run);
     const std::size_t c = run % clips.size();
     const Clip& clip = clips[c];
-    const Clip& other = clips[(c + 1 + random(clips.size() - 1)) % clips.size()];
-    const Clip& third = clips[(c + 1 + random(clips.size() - 1)) % clips.size()];
-    const std::size_t at = 10 + random(std::clamp<std::size_t>(clip.images.size() / 2, 11, 40) - 10);
+    const Clip& other = clips[(c + 1 + random.below(clips.size() - 1)) % clips.size()];
+    const Clip& third = clips[(c + 1 + random.below(clips.size() - 1)) % clips.size()];
+    const std::size_t at = 10 + random.below(std::clamp<std::size_t>(clip.images.size() / 2, 11, 40) - 10);
     GatedTracker<T> with = tracker;
     T without = tracker.tracker();
     with.init(clip.images[0], *clip.truth[0]), without.init(clip.images[0], *clip.truth[0]);
@@ -274,10 +263,10 @@ void compare_unaltered(const GatedTracker<T>& tracker, const std::string& name,
   Compared all;
   for (const Sequence& sequence : sequences) {
     FrameReader reader(sequence);
-    Random random(1000);
+    SplitMix64 random(1000);
     Compared of;
     for (std::size_t run = 0; run < draws; ++run) {
-      const auto move = [&] { return run == 0 ? 0 : static_cast<double>(random(2001)) / 1000 - 1; };
+      const auto move = [&] { return run == 0 ? 0 : static_cast<double>(random.below(2001)) / 1000 - 1; };
       cv::Rect2d start = sequence.truth[0]->equal_area_box();
       start.x += move(), start.y += move();
       GatedTracker<T> with = tracker;

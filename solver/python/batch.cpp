@@ -172,10 +172,9 @@ void bind_batch(py::module_& m) {
 
   py::class_<AnyBatch> type(
       m, "SpringBatch",
-      "M spring systems of one topology with their points, solved in SIMD lanes. The arrays are the batch's "
-      "own\n"
-      "memory, views of planes of M numbers: assign to them in place. They start as NaN. A copy has the\n"
-      "values and x, but not what the last solve reported.");
+      "M spring systems of one topology with their points, solved in SIMD lanes. The arrays are the\n"
+      "batch's own memory, views of planes of M numbers: assign to them in place. They start as NaN. A\n"
+      "copy has the values and x, but not what the last solve reported.");
   def_copy(type);
   constexpr const char* kArrays[] = {"anchors", "anchor_stiffness", "rest_length", "link_stiffness", "x"};
   type.def(py::pickle(
@@ -252,10 +251,9 @@ void bind_batch(py::module_& m) {
           py::arg("gap") = NewtonOptions().gap,
           "Moves x of every system to a local minimum by Newton's method. threads: 0 for as many as the\n"
           "machine runs at once. simd: auto, portable, avx2 or avx512. gap: if above 0, a lower_bound is\n"
-          "proven for each system. The GIL is released during the solve; signals are handled every few "
-          "hundred\n"
-          "systems, and after a KeyboardInterrupt only some of them are solved. RuntimeError if two threads\n"
-          "use the batch at once.")
+          "proven for each system. The GIL is released during the solve; signals are handled every few\n"
+          "hundred systems, and after a KeyboardInterrupt only some of them are solved. RuntimeError if\n"
+          "two threads use the batch at once.")
       .def(
           "sensitivity",
           [](AnyBatch& self, const py::object& grad_x, double stationarity, int threads,
@@ -270,13 +268,10 @@ void bind_batch(py::module_& m) {
           py::arg("grad_x"), py::arg("stationarity") = SensitivityOptions().stationarity,
           py::arg("threads").noconvert() = 1, py::arg("simd") = "auto",
           "The derivatives of a function L of the solutions x by the values of every system, for grad_x =\n"
-          "dL/dx (M, N, dim): an asterism.Sensitivity whose arrays have a first axis of M. Its `status` "
-          "(M,)\n"
-          "has values of SensitivityStatus; where that is not COMPUTED, the system's numbers are NaN, for "
-          "the\n"
-          "reasons that asterism.sensitivity() raises errors for. threads, simd: as of solve(). ValueError "
-          "for\n"
-          "options that are out of range, or instructions that are not available.")
+          "dL/dx (M, N, dim): an asterism.Sensitivity whose arrays have a first axis of M. Its `status`\n"
+          "(M,) has values of SensitivityStatus; where that is not COMPUTED, the system's numbers are NaN,\n"
+          "for the reasons that asterism.sensitivity() raises errors for. threads, simd: as of solve().\n"
+          "ValueError for options that are out of range, or instructions that are not available.")
       .def_property_readonly(
           "size", [](AnyBatch& self) { return self.visit([](auto& b) { return b.size(); }); },
           "Number of systems M.")

@@ -1,6 +1,7 @@
 // Shortest paths along a graph and the stress of its drawings; asterism/embedding.py uses them.
 
 #include <algorithm>
+#include <asterism/solver/base/split_mix.hpp>
 #include <asterism/solver/graph/drawing.hpp>
 #include <asterism/solver/graph/graph.hpp>
 #include <asterism/solver/graph/rules.hpp>
@@ -110,14 +111,6 @@ void for_each_interruptible(py::ssize_t count, int nodes, F&& f) {
     const py::gil_scoped_acquire acquire;
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
   }
-}
-
-/// SplitMix64 (Steele, Lea and Flood 2014).
-std::uint64_t random(std::uint64_t& state) {
-  std::uint64_t z = state += 0x9e3779b97f4a7c15ULL;
-  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-  z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-  return z ^ (z >> 31);
 }
 
 struct Pairs {
@@ -241,6 +234,7 @@ void bind_graph(py::module_& m) {
           [](SearchedGraph& self, int count, std::uint64_t seed) {
             const Exclusive exclusive(self.busy, "this graph");
             Pairs found;
+            asterism::detail::SplitMix64 random(seed);
             std::vector<int> last(static_cast<std::size_t>(self.nodes()),
                                   -1);  // source whose neighbour a node is
             for_each_interruptible(self.nodes(), self.nodes(), [&](py::ssize_t index) {
@@ -263,7 +257,7 @@ void bind_graph(py::module_& m) {
               }
               const double share = static_cast<double>(others) / (2.0 * count);
               for (int k = 0; k < count; ++k) {
-                const int j = self.reached()[static_cast<std::size_t>(1 + random(seed) % others)];
+                const int j = self.reached()[1 + random.below(others)];
                 if (last[static_cast<std::size_t>(j)] != i) add(j, share);
               }
             });

@@ -25,26 +25,6 @@ using Batch = SpringBatch<double, Dim>;
 template <int Dim>
 const SolverRegistry<System<Dim>>& solvers();
 
-template <int Dim>
-Covariance<System<Dim>> covariance_of(const System<Dim>& system, const typename System<Dim>::Points& x);
-template <int Dim>
-NodeCovariances<System<Dim>> node_covariances_of(const System<Dim>& system,
-                                                 const typename System<Dim>::Points& x);
-
-template <int Dim>
-Certificate certificate_of(const System<Dim>& system, const typename System<Dim>::Points& x,
-                           const CertifyOptions& options);
-
-template <int Dim>
-SystemGradient<System<Dim>> sensitivity_of(const System<Dim>& system, const typename System<Dim>::Points& x,
-                                           const typename System<Dim>::Points& grad_x,
-                                           const SensitivityOptions& options);
-template <int Dim>
-SolutionTangent<System<Dim>> solution_tangent_of(const System<Dim>& system,
-                                                 const typename System<Dim>::Points& x,
-                                                 const SystemTangent<System<Dim>>& tangent,
-                                                 const SensitivityOptions& options);
-
 /// BatchNewton on `threads`. The calling thread calls `interrupted` after each of its tasks; once that
 /// returns true, the systems of tasks that have not begun are left as they were.
 template <int Dim>
@@ -58,3 +38,35 @@ BatchGradientSummary gradients_of_batch(const Batch<Dim>& batch, BatchGradient<B
                                         const std::function<bool()>& interrupted);
 
 }  // namespace asterism::python
+
+/// Instantiates what takes long to compile, of the library and of this file, for one dimension. `specifier`:
+/// extern where others do that.
+#define ASTERISM_PYTHON_NUMERICS(specifier, Dim)                                                            \
+  namespace asterism {                                                                                      \
+  inline namespace ASTERISM_ABI {                                                                           \
+  specifier template Covariance<python::System<Dim>> covariance(const python::System<Dim>&,                 \
+                                                                const python::System<Dim>::Points&);        \
+  specifier template NodeCovariances<python::System<Dim>> node_covariances(                                 \
+      const python::System<Dim>&, const python::System<Dim>::Points&);                                      \
+  specifier template Certificate certify(const python::System<Dim>&, const python::System<Dim>::Points&,    \
+                                         const CertifyOptions&);                                            \
+  specifier template SystemGradient<python::System<Dim>> sensitivity(const python::System<Dim>&,            \
+                                                                     const python::System<Dim>::Points&,    \
+                                                                     const python::System<Dim>::Points&,    \
+                                                                     const SensitivityOptions&);            \
+  specifier template SolutionTangent<python::System<Dim>> solution_tangent(                                 \
+      const python::System<Dim>&, const python::System<Dim>::Points&,                                       \
+      const SystemTangent<python::System<Dim>>&, const SensitivityOptions&);                                \
+  }                                                                                                         \
+  namespace python {                                                                                        \
+  specifier template const SolverRegistry<System<Dim>>& solvers<Dim>();                                     \
+  specifier template BatchSummary solve_batch(Batch<Dim>&, const NewtonOptions&, Simd, int,                 \
+                                              const std::function<bool()>&);                                \
+  specifier template BatchGradientSummary gradients_of_batch(const Batch<Dim>&, BatchGradient<Batch<Dim>>&, \
+                                                             const SensitivityOptions&, Simd, int,          \
+                                                             const std::function<bool()>&);                 \
+  }                                                                                                         \
+  }
+
+ASTERISM_PYTHON_NUMERICS(extern, 2)
+ASTERISM_PYTHON_NUMERICS(extern, 3)

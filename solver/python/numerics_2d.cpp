@@ -1,7 +1,3 @@
 #include "numerics_impl.hpp"
 
-namespace asterism::python {
-
-ASTERISM_INSTANTIATE_NUMERICS(2);
-
-}  // namespace asterism::python
+ASTERISM_PYTHON_NUMERICS(, 2)

@@ -37,38 +37,6 @@ const SolverRegistry<System<Dim>>& solvers() {
   return all;
 }
 
-template <int Dim>
-Covariance<System<Dim>> covariance_of(const System<Dim>& system, const typename System<Dim>::Points& x) {
-  return covariance(system, x);
-}
-
-template <int Dim>
-NodeCovariances<System<Dim>> node_covariances_of(const System<Dim>& system,
-                                                 const typename System<Dim>::Points& x) {
-  return node_covariances(system, x);
-}
-
-template <int Dim>
-Certificate certificate_of(const System<Dim>& system, const typename System<Dim>::Points& x,
-                           const CertifyOptions& options) {
-  return certify(system, x, options);
-}
-
-template <int Dim>
-SystemGradient<System<Dim>> sensitivity_of(const System<Dim>& system, const typename System<Dim>::Points& x,
-                                           const typename System<Dim>::Points& grad_x,
-                                           const SensitivityOptions& options) {
-  return sensitivity(system, x, grad_x, options);
-}
-
-template <int Dim>
-SolutionTangent<System<Dim>> solution_tangent_of(const System<Dim>& system,
-                                                 const typename System<Dim>::Points& x,
-                                                 const SystemTangent<System<Dim>>& tangent,
-                                                 const SensitivityOptions& options) {
-  return solution_tangent(system, x, tangent, options);
-}
-
 /// Runs tasks on `threads` until `stop`, which is set where `interrupted` returns true.
 template <typename Work>
 void run_tasks(int task_count, Work&& work, int threads, std::atomic<bool>& stop,
@@ -105,24 +73,5 @@ BatchGradientSummary gradients_of_batch(const Batch<Dim>& batch, BatchGradient<B
     run_tasks(task_count, unless_stopped, threads, stop, interrupted);
   });
 }
-
-/// Instantiates all of numerics.hpp for one dimension.
-#define ASTERISM_INSTANTIATE_NUMERICS(Dim)                                                                   \
-  template const SolverRegistry<System<Dim>>& solvers<Dim>();                                                \
-  template Covariance<System<Dim>> covariance_of(const System<Dim>&, const System<Dim>::Points&);            \
-  template NodeCovariances<System<Dim>> node_covariances_of(const System<Dim>&, const System<Dim>::Points&); \
-  template Certificate certificate_of(const System<Dim>&, const System<Dim>::Points&,                        \
-                                      const CertifyOptions&);                                                \
-  template SystemGradient<System<Dim>> sensitivity_of(const System<Dim>&, const System<Dim>::Points&,        \
-                                                      const System<Dim>::Points&,                            \
-                                                      const SensitivityOptions&);                            \
-  template SolutionTangent<System<Dim>> solution_tangent_of(const System<Dim>&, const System<Dim>::Points&,  \
-                                                            const SystemTangent<System<Dim>>&,               \
-                                                            const SensitivityOptions&);                      \
-  template BatchSummary solve_batch(Batch<Dim>&, const NewtonOptions&, Simd, int,                            \
-                                    const std::function<bool()>&);                                           \
-  template BatchGradientSummary gradients_of_batch(const Batch<Dim>&, BatchGradient<Batch<Dim>>&,            \
-                                                   const SensitivityOptions&, Simd, int,                     \
-                                                   const std::function<bool()>&)
 
 }  // namespace asterism::python

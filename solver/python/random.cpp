@@ -33,11 +33,9 @@ void bind_random(py::module_& m) {
       },
       py::arg("kind"), py::arg("nodes").noconvert(), py::arg("seed").noconvert(),
       py::arg("dim").noconvert() = 2,
-      "A random system of fully linked nodes, and its start (N, dim). kind: 'lit', 'orig' and 'disp' are the "
-      "three\n"
-      "readings of the paper's Sec. 3.2.1, 'track' a grid of parts that moved together, one in ten found far "
-      "off.\n"
-      "The same seed gives the same system.");
+      "A random system of fully linked nodes, and its start (N, dim). kind: 'lit', 'orig' and 'disp' are\n"
+      "the three readings of the paper's Sec. 3.2.1, 'track' a grid of parts that moved together, one in\n"
+      "ten found far off. The same seed gives the same system.");
 }
 
 }  // namespace asterism::python

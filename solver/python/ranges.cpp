@@ -206,9 +206,8 @@ void bind_path(py::module_& m) {
       .def("settle", &PathStream::settle, "Goes to the minimum.")
       .def(
           "batch", [](const PathStream& stream) { return positions_of(stream.batch()); },
-          "The window's positions (N, 2) at the minimum of the same energy, by locate_path's descent over "
-          "the whole window: what\n"
-          "`positions` has to be after settle().")
+          "The window's positions (N, 2) at the minimum of the same energy, by locate_path's descent over\n"
+          "the whole window: what `positions` has to be after settle().")
       .def_property_readonly("pose", &PathStream::pose, "Where the robot is now: x, y [m] and heading [rad].")
       .def_property_readonly(
           "covariance",

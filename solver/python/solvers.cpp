@@ -237,9 +237,8 @@ void bind_solvers(py::module_& m) {
 
   py::class_<Solver> solver(
       m, "Solver",
-      "A method that keeps its memory between solves, for systems of any size and dimension.\n"
-      "RuntimeError if two threads use it at once. A copy has the method and its options, and memory of its "
-      "own.");
+      "A method that keeps its memory between solves, for systems of any size and dimension. RuntimeError\n"
+      "if two threads use it at once. A copy has the method and its options, and memory of its own.");
   def_copy(solver);
   solver
       .def(py::init<const std::string&, const py::kwargs&>(), py::arg("method") = "auto",

@@ -237,6 +237,14 @@ const Column* find_column(const Term& term, std::string_view name) {
 
 py::str text_of(std::string_view text) { return {text.data(), text.size()}; }
 
+/// Of columns or choices.
+template <typename Named>
+py::tuple names_of(std::span<const Named> all) {
+  py::list names;
+  for (const Named& each : all) names.append(text_of(each.name));
+  return py::tuple(names);
+}
+
 }  // namespace
 
 /// asterism.System. Use it with the GIL held.
@@ -388,6 +396,16 @@ MatrixXd valid_points(const asterism::System& system, const py::object& x) {
   return points;
 }
 
+/// f(system, x) without the GIL.
+template <typename F>
+auto evaluated(TermSystem& self, const py::object& x, F&& f) {
+  const MatrixXd points = valid_points(self.system(), x);
+  return self.read([&](const asterism::System& system) {
+    const py::gil_scoped_release release;
+    return f(system, points);
+  });
+}
+
 int element_count(const asterism::System& system) {
   int count = 0;
   for (int t = 0; t < system.term_count(); ++t) count += system.term(t).size();
@@ -452,17 +470,11 @@ std::shared_ptr<TermHandle> add_term(TermSystem& self, const std::string& kind, 
   return self.add(std::move(term), std::move(own));
 }
 
-std::shared_ptr<TermHandle> add_lengths(TermSystem& self, const char* kind, MatrixXi nodes,
-                                        const py::object& lengths, const py::object& stiffness,
-                                        const py::object& upper, const py::object& offsets,
-                                        const py::object& information, const Chosen& chosen) {
-  return add_term(self, kind, std::move(nodes),
-                  {{"length", "lengths", lengths},
-                   {"upper", "upper", upper},
-                   {"stiffness", "stiffness", stiffness},
-                   {"offset", "offsets", offsets},
-                   {"information", "information", information}},
-                  chosen);
+/// The nodes of elements of one each: all of the system, if none are given.
+MatrixXi nodes_or_all(const TermSystem& self, const py::object& nodes) {
+  const int count = self.system().nodes();
+  if (nodes.is_none()) return Eigen::RowVectorXi::LinSpaced(count, 0, count - 1);
+  return nodes_of(nodes, "nodes", 1, count);
 }
 
 py::object value_of(const TermHandle& self, const std::string& name) {
@@ -501,58 +513,26 @@ void set_value(TermHandle& self, const std::string& name, const py::object& valu
 
 void append(TermHandle& self, const py::object& nodes, const py::kwargs& given) {
   Term& term = self.change();
-  const MatrixXi added = nodes_of(nodes, "nodes", term.arity(), self.owner().system().nodes());
-  const auto count = static_cast<int>(added.cols());
+  const int node_count = self.owner().system().nodes();
+  const MatrixXi added = nodes_of(nodes, "nodes", term.arity(), node_count);
+  std::vector<NamedNumbers> numbers;
   for (const auto& [key, value] : given) {
-    if (find_column(term, key.cast<std::string>()) == nullptr) {
-      throw py::type_error("append: " + std::string(term.kind()) + " have no '" + key.cast<std::string>() +
-                           "'");
-    }
+    const auto name = key.cast<std::string>();
+    const Column* const column = find_column(term, name);
+    if (column == nullptr)
+      throw py::type_error("append: " + std::string(term.kind()) + " have no '" + name + "'");
+    numbers.push_back({column->name, column_of(*column, term.dim(), static_cast<int>(added.cols()),
+                                               py::reinterpret_borrow<py::object>(value), name)});
   }
-  const auto check = [&](const Term& changed) {
-    if (const std::string problem = changed.defect(self.owner().system().nodes()); !problem.empty())
-      throw py::value_error(problem);
-  };
   const std::unique_ptr<Term> changed = term.clone();
-  if (term.size() == 0) {  // numbers of former elements hold where no others are given
-    changed->set_nodes(added);
-    for (const Column& column : term.columns()) {
-      const std::string name(column.name);
-      if (given.contains(name.c_str()))
-        changed->values(name) = column_of(column, term.dim(), count, given[name.c_str()], name);
-      else if (column.values.size() == 0 && !column.is_optional)
-        throw py::type_error("append: " + name + " is missing");
-    }
-    check(*changed);
-    term.set_nodes(added);
-    for (const Column& column : changed->columns()) term.values(column.name) = column.values;
-    return;
+  try {
+    changed->append(added, numbers);
+  } catch (const std::invalid_argument& error) {
+    throw py::type_error(error.what());
   }
-  std::vector<MatrixXd> values;
-  for (const Column& column : term.columns()) {
-    const std::string name(column.name);
-    const bool is_given = given.contains(name.c_str());
-    const bool is_same =
-        column.values.size() == 0 ? column.is_optional : column.values.cols() == 1 && term.size() != 1;
-    if (is_same) {
-      if (is_given) throw py::type_error("append: " + name + " is the same for all elements, or none has it");
-      continue;
-    }
-    if (!is_given) {
-      // One element: its numbers may have been meant for all.
-      if (term.size() != 1) throw py::type_error("append: " + name + " is missing");
-      values.push_back(column.values.replicate(1, count));
-      continue;
-    }
-    MatrixXd more = column_of(column, term.dim(), count, given[name.c_str()], name);
-    const Eigen::Index rows = column.values.size() > 0 ? column.values.rows() : column.rows;
-    if (more.rows() != rows) throw py::value_error("append: " + name + " has another form than before");
-    if (more.cols() != count) more = more.replicate(1, count).eval();
-    values.push_back(std::move(more));
-  }
-  changed->append(added, values);
-  check(*changed);
-  term.append(added, values);
+  if (const std::string problem = changed->defect(node_count); !problem.empty())
+    throw py::value_error(problem);
+  term.append(added, numbers);
 }
 
 std::string contents(const Term& term) {
@@ -638,20 +618,17 @@ constexpr const char* kSolve =
     "and an exception of a function of yours, end it and leave x unchanged.\n\n"
     "ValueError for input that the method refuses: a value that is not finite or out of range; MemoryError\n"
     "if memory runs out. With check=False, the Summary says so instead, and nothing is raised.\n\n"
-    "method: one of System.methods(), otherwise ValueError. options: its options by name, otherwise "
-    "TypeError.\n"
-    "on_iteration(iteration, x, energy, gradient_norm) is that of asterism.solve().";
+    "method: one of System.methods(), otherwise ValueError. options: its options by name, otherwise\n"
+    "TypeError. on_iteration(iteration, x, energy, gradient_norm) is that of asterism.solve().";
 
 void bind_term(py::module_& m) {
   py::class_<TermHandle, std::shared_ptr<TermHandle>> type(
       m, "Term",
-      "A term of a System: an array of elements of one kind. Its columns and choices are attributes, such "
-      "as\n"
-      "`term.stiffness` and `term.loss`; `columns` and `choices` list them. A column is an array with a row "
-      "for\n"
-      "each element, or one number, point or matrix for all of them, or None. It is a copy that cannot be\n"
-      "written to: assign a new one. RuntimeError while the system is solved, and once the term was "
-      "removed.");
+      "A term of a System: an array of elements of one kind. Its columns and choices are attributes, such\n"
+      "as `term.stiffness` and `term.loss`; `columns` and `choices` list them. A column is an array with\n"
+      "a row for each element, or one number, point or matrix for all of them, or None. It is a copy that\n"
+      "cannot be written to: assign a new one. RuntimeError while the system is solved, and once the term\n"
+      "was removed.");
   def_reduce(type);
   type.def_property_readonly(
           "kind", [](const TermHandle& self) { return text_of(self.term().kind()); }, "Such as 'links'.")
@@ -665,34 +642,22 @@ void bind_term(py::module_& m) {
           },
           "The nodes of each element, (m, K), a copy.")
       .def_property_readonly(
-          "columns",
-          [](const TermHandle& self) {
-            py::list names;
-            for (const Column& column : self.term().columns()) names.append(text_of(column.name));
-            return py::tuple(names);
-          },
+          "columns", [](const TermHandle& self) { return names_of(self.term().columns()); },
           "The names of its columns.")
       .def_property_readonly(
-          "choices",
-          [](const TermHandle& self) {
-            py::list names;
-            for (const Choice& choice : self.term().choices()) names.append(text_of(choice.name));
-            return py::tuple(names);
-          },
+          "choices", [](const TermHandle& self) { return names_of(self.term().choices()); },
           "The names of its choices: law and loss, as far as it has them.")
       .def("__getattr__", &value_of, py::arg("name"))
       .def("__setattr__", &set_value, py::arg("name"), py::arg("value"))
       .def("__dir__",
            [](const py::object& self) {
              py::list names = py::module_::import("builtins").attr("dir")(py::type::of(self));
-             for (const py::handle name : py::tuple(self.attr("columns"))) names.append(name);
-             for (const py::handle name : py::tuple(self.attr("choices"))) names.append(name);
+             for (const char* own : {"columns", "choices"}) names.attr("extend")(self.attr(own));
              return names;
            })
       .def("append", &append, py::arg("nodes"),
-           "Adds elements: nodes (m, K), or (m,) where an element has one, and by name each column that is "
-           "not\n"
-           "the same for all elements. Errors as where the term was added.")
+           "Adds elements: nodes (m, K), or (m,) where an element has one, and by name each column that is\n"
+           "not the same for all elements. Errors as where the term was added.")
       .def(
           "remove",
           [](TermHandle& self, const py::object& elements) {
@@ -745,9 +710,8 @@ void bind_solution(py::module_& m) {
             return owned(self.solution.covariance(checked_node(self.system(), node)), {dim, dim});
           },
           py::arg("node").noconvert(),
-          "The covariance (dim, dim) of a node by Laplace's approximation; 0 for a fixed one. IndexError if "
-          "it\n"
-          "is out of range.")
+          "The covariance (dim, dim) of a node by Laplace's approximation; 0 for a fixed one. IndexError\n"
+          "if it is out of range.")
       .def_property_readonly(
           "covariances",
           [](const BoundSolution& self) {
@@ -784,11 +748,9 @@ void bind_solution(py::module_& m) {
             return result;
           },
           py::arg("by_x"),
-          "The derivatives of a function of the solution by all numbers of the system, from by_x (N, dim), "
-          "those\n"
-          "by the points: for each term a dict with an array of the shape of each column, None for none; 0 "
-          "for\n"
-          "the parameters of losses. ValueError for a term that is not differentiable.")
+          "The derivatives of a function of the solution by all numbers of the system, from by_x (N, dim),\n"
+          "those by the points: for each term a dict with an array of the shape of each column, None for\n"
+          "none; 0 for the parameters of losses. ValueError for a term that is not differentiable.")
       .def("__repr__", [](const BoundSolution& self) {
         return "<asterism.Solution: " + std::to_string(self.system().nodes()) + " nodes, dim " +
                std::to_string(self.system().dim()) + ">";
@@ -851,23 +813,21 @@ void bind_system(py::module_& m) {
         add_link_law(name, link_function(function), convex_in_square);
       },
       py::arg("name"), py::arg("function"), py::arg("convex_in_square") = false,
-      "Gives a function a name, by which links take it as their law from then on, also from files: "
-      "function(lengths,\n"
-      "rest_lengths) returns arrays of values and of first and second derivatives by the length, for unit\n"
-      "stiffness. convex_in_square: whether the value is convex as a function of the length's square, which\n"
-      "certificates need. ValueError for a name that is taken.");
+      "Gives a function a name, by which links take it as their law from then on, also from files:\n"
+      "function(lengths, rest_lengths) returns arrays of values and of first and second derivatives by\n"
+      "the length, for unit stiffness. convex_in_square: whether the value is convex as a function of the\n"
+      "length's square, which certificates need. ValueError for a name that is taken.");
 
   py::class_<TermSystem, std::shared_ptr<TermSystem>> type(
       m, "System",
       "Points, N of them, and the terms of their energy, of any kinds: the general form of SpringSystem.\n\n"
-      "An element of a term is given by its nodes and its numbers; a number, point or matrix that is given\n"
-      "once holds for all elements. Every function that adds a term returns it. The energy of an element is\n"
-      "1/2 stiffness rho(s^2) with its residual s and the loss rho: 'quadratic', 'huber', 'geman-mcclure' "
-      "or\n"
-      "'truncated', with `scale` and, for 'truncated', `sharpness` (4 if it is not given).\n\n"
-      "Bad values are a ValueError that names the argument. A system cannot be changed while it is solved "
-      "or\n"
-      "evaluated, also not by a function of yours or on_iteration: RuntimeError.");
+      "An element of a term is given by its nodes and its numbers; a number, point or matrix that is\n"
+      "given once holds for all elements. Every function that adds a term returns it. The energy of an\n"
+      "element is 1/2 stiffness rho(s^2) with its residual s and the loss rho: 'quadratic', 'huber',\n"
+      "'geman-mcclure' or 'truncated', with `scale` and, for 'truncated', `sharpness` (4 if it is not\n"
+      "given).\n\n"
+      "Bad values are a ValueError that names the argument. A system cannot be changed while it is solved\n"
+      "or evaluated, also not by a function of yours or on_iteration: RuntimeError.");
   type.def(
       py::init([](int nodes, int dim) { return std::make_shared<TermSystem>(asterism::System(nodes, dim)); }),
       py::arg("nodes").noconvert(), py::arg("dim").noconvert() = 2, "dim: coordinates of a point, 1 to 64.");
@@ -942,10 +902,7 @@ void bind_system(py::module_& m) {
       [](TermSystem& self, const py::object& positions, const py::object& stiffness, const py::object& nodes,
          const py::object& information, const std::string& loss, const py::object& scale,
          const py::object& sharpness) {
-        const int n = self.system().nodes();
-        return add_term(self, "anchors",
-                        nodes.is_none() ? MatrixXi(Eigen::RowVectorXi::LinSpaced(n, 0, n - 1))
-                                        : nodes_of(nodes, "nodes", 1, n),
+        return add_term(self, "anchors", nodes_or_all(self, nodes),
                         {{"position", "positions", positions},
                          {"stiffness", "stiffness", stiffness},
                          {"information", "information", information}},
@@ -988,34 +945,34 @@ void bind_system(py::module_& m) {
                          {"c", "coefficients[2]", of[2]}},
                         {loss, scale, sharpness});
       },
-      "Triples (m, 3) with a linear relation: s^2 = d^T S d with d = A x_i + B x_j + C x_k - target (m, "
-      "dim).\n"
-      "coefficients: A, B and C, each a number or a matrix (dim, dim), for all elements or (m,) and\n"
+      "Triples (m, 3) with a linear relation: s^2 = d^T S d with d = A x_i + B x_j + C x_k - target (m,\n"
+      "dim). coefficients: A, B and C, each a number or a matrix (dim, dim), for all elements or (m,) and\n"
       "(m, dim, dim); those of second differences, if they are not given.",
       py::arg("triples"), py::arg("stiffness") = 1, py::kw_only(), py::arg("target") = 0,
       py::arg_v("coefficients", py::make_tuple(1, -2, 1), "..."), py::arg("information") = py::none());
   const auto lengths_of = [](const char* kind, const char* name, int arity) {
-    return [kind, name, arity](TermSystem& self, const py::object& nodes, const py::object& lengths,
-                               const py::object& stiffness, const py::object& law, const py::object& upper,
-                               const py::object& offsets, const py::object& information,
-                               bool convex_in_square, const std::string& loss, const py::object& scale,
-                               const py::object& sharpness) {
-      return add_lengths(self, kind, nodes_of(nodes, name, arity, self.system().nodes()), lengths, stiffness,
-                         upper, offsets, information, {loss, scale, sharpness, law, convex_in_square});
-    };
+    return
+        [kind, name, arity](TermSystem& self, const py::object& nodes, const py::object& lengths,
+                            const py::object& stiffness, const py::object& law, const py::object& upper,
+                            const py::object& offsets, const py::object& information, bool convex_in_square,
+                            const std::string& loss, const py::object& scale, const py::object& sharpness) {
+          return add_term(self, kind, nodes_of(nodes, name, arity, self.system().nodes()),
+                          {{"length", "lengths", lengths},
+                           {"upper", "upper", upper},
+                           {"stiffness", "stiffness", stiffness},
+                           {"offset", "offsets", offsets},
+                           {"information", "information", information}},
+                          {loss, scale, sharpness, law, convex_in_square});
+        };
   };
   def_add(
       type, "add_links", lengths_of("links", "pairs", 2),
-      "Pairs (m, 2) with lengths (m,) at rest. With r = |x_i - x_j - offset| (of v^T S v, with information "
-      "S)\n"
-      "and mu the length, law says what s is: 'hooke' r - mu; 'rope' and 'repulsion' the same where it is\n"
-      "positive, or negative, else 0; 'interval' 0 from mu to `upper`, else the distance to the nearer of "
-      "both;\n"
-      "'logarithm' log(r / mu). Or a function of yours, law(r, mu) -> (value, first, second): the "
-      "energies\n"
-      "(m,) for unit stiffness and their derivatives by r, for arrays of r and mu (m,); convex_in_square: "
-      "whether\n"
-      "it is convex as a function of r^2, which certify() needs to know.",
+      "Pairs (m, 2) with lengths (m,) at rest. With r = |x_i - x_j - offset| (of v^T S v, with information\n"
+      "S) and mu the length, law says what s is: 'hooke' r - mu; 'rope' and 'repulsion' the same where it\n"
+      "is positive, or negative, else 0; 'interval' 0 from mu to `upper`, else the distance to the nearer\n"
+      "of both; 'logarithm' log(r / mu). Or a function of yours, law(r, mu) -> (value, first, second): the\n"
+      "energies (m,) for unit stiffness and their derivatives by r, for arrays of r and mu (m,);\n"
+      "convex_in_square: whether it is convex as a function of r^2, which certify() needs to know.",
       py::arg("pairs"), py::arg("lengths"), py::arg("stiffness") = 1, py::kw_only(), py::arg("law") = "hooke",
       py::arg("upper") = py::none(), py::arg("offsets") = py::none(), py::arg("information") = py::none(),
       py::arg("convex_in_square") = false);
@@ -1064,11 +1021,7 @@ void bind_system(py::module_& m) {
   type.def(
       "add_loads",
       [](TermSystem& self, const py::object& forces, const py::object& nodes) {
-        const int n = self.system().nodes();
-        return add_term(self, "loads",
-                        nodes.is_none() ? MatrixXi(Eigen::RowVectorXi::LinSpaced(n, 0, n - 1))
-                                        : nodes_of(nodes, "nodes", 1, n),
-                        {{"force", "forces", forces}});
+        return add_term(self, "loads", nodes_or_all(self, nodes), {{"force", "forces", forces}});
       },
       py::arg("forces"), py::kw_only(), py::arg("nodes") = py::none(),
       "Constant forces (m, dim) on nodes (m,), or on all: the energy is -force . x_i.");
@@ -1081,29 +1034,23 @@ void bind_system(py::module_& m) {
                         {function, has_hessian});
       },
       py::arg("nodes"), py::arg("function"), py::arg("has_hessian") = false,
-      "Elements of your own on nodes (m, K). function(points) gets the points (m, K, dim) of all elements "
-      "and\n"
-      "returns their energies (m,), the gradients (m, K, dim) and, with has_hessian, the second derivatives\n"
-      "(m, K dim, K dim); without, only methods that need none take them.");
+      "Elements of your own on nodes (m, K). function(points) gets the points (m, K, dim) of all elements\n"
+      "and returns their energies (m,), the gradients (m, K, dim) and, with has_hessian, the second\n"
+      "derivatives (m, K dim, K dim); without, only methods that need none take them.");
 
   type.def(
           "energy",
           [](TermSystem& self, const py::object& x) {
-            const MatrixXd points = valid_points(self.system(), x);
-            return self.read([&](const asterism::System& system) {
-              const py::gil_scoped_release release;
-              return asterism::energy(system, points);
-            });
+            return evaluated(self, x,
+                             [](const auto& system, const auto& at) { return asterism::energy(system, at); });
           },
           py::arg("x"), "E(x) for x (N, dim).")
       .def(
           "gradient",
           [](TermSystem& self, const py::object& x) {
-            const MatrixXd points = valid_points(self.system(), x);
-            MatrixXd gradient = self.read([&](const asterism::System& system) {
-              const py::gil_scoped_release release;
+            MatrixXd gradient = evaluated(self, x, [](const auto& system, const auto& at) {
               MatrixXd found;
-              energy_and_gradient(system, points, found);
+              energy_and_gradient(system, at, found);
               return found;
             });
             return owned(std::move(gradient), {self.system().nodes(), self.system().dim()});
@@ -1112,10 +1059,8 @@ void bind_system(py::module_& m) {
       .def(
           "stationarity",
           [](TermSystem& self, const py::object& x) {
-            const MatrixXd points = valid_points(self.system(), x);
-            return self.read([&](const asterism::System& system) {
-              const py::gil_scoped_release release;
-              return asterism::stationarity(system, points);
+            return evaluated(self, x, [](const auto& system, const auto& at) {
+              return asterism::stationarity(system, at);
             });
           },
           py::arg("x"),
@@ -1164,14 +1109,11 @@ void bind_system(py::module_& m) {
           py::arg("tolerance") = TurningOptions().tolerance,
           py::arg("max_iterations") = TurningOptions().max_iterations, py::arg("hold_floating") = false,
           py::arg("check") = true,
-          "Minimises the energy over x (N, dim), in place, and over one rotation T, with `scale` one "
-          "similarity "
-          "T,\n"
-          "that all offsets m of links turn by: a link prefers T @ m. Returns (Summary, T), T (dim, dim). "
-          "With\n"
-          "offsets or springs without rest length, and plain anchors, it is the global minimum. ValueError "
-          "for\n"
-          "terms other than anchors, loads, links and offsets; check: as of solve().")
+          "Minimises the energy over x (N, dim), in place, and over one rotation T, with `scale` one\n"
+          "similarity T, that all offsets m of links turn by: a link prefers T @ m. Returns (Summary, T),\n"
+          "T (dim, dim). With offsets or springs without rest length, and plain anchors, it is the global\n"
+          "minimum. ValueError for terms other than anchors, loads, links and offsets; check: as of\n"
+          "solve().")
       .def(
           "certify",
           [](TermSystem& self, const py::object& x, double gap) {

@@ -451,7 +451,7 @@ void bind_systems(py::module_& m) {
         if (const char* problem = options.problem()) throw py::value_error(problem);
         return system.visit([&]<int Dim>(System<Dim>& s) {
           return interruptible_copy(is_large(s), [s = s, points = points_of<Dim>(s, x), options] {
-            return certificate_of<Dim>(s, points, options);
+            return certify(s, points, options);
           });
         });
       },
@@ -463,7 +463,7 @@ void bind_systems(py::module_& m) {
       [](AnySystem& system, const py::object& x) {
         return system.visit([&]<int Dim>(System<Dim>& s) {
           auto result = interruptible_copy(
-              is_large(s), [s = s, points = points_of<Dim>(s, x)] { return covariance_of<Dim>(s, points); });
+              is_large(s), [s = s, points = points_of<Dim>(s, x)] { return covariance(s, points); });
           if (!result) refuse_covariance(result.status, result.message);
           return owned(std::move(result.matrix), {Dim * s.nodes(), Dim * s.nodes()});
         });
@@ -476,17 +476,15 @@ void bind_systems(py::module_& m) {
       "node_covariances",
       [](AnySystem& system, const py::object& x) {
         return system.visit([&]<int Dim>(System<Dim>& s) {
-          auto result = interruptible_copy(is_large(s), [s = s, points = points_of<Dim>(s, x)] {
-            return node_covariances_of<Dim>(s, points);
-          });
+          auto result = interruptible_copy(
+              is_large(s), [s = s, points = points_of<Dim>(s, x)] { return node_covariances(s, points); });
           if (!result) refuse_covariance(result.status, result.message);
           return owned(std::move(result.blocks), {s.nodes(), Dim, Dim});
         });
       },
       py::arg("system"), py::arg("x"),
-      "Each node's own covariance, (N, dim, dim): the diagonal blocks of covariance(), also for large "
-      "sparse\n"
-      "systems.");
+      "Each node's own covariance, (N, dim, dim): the diagonal blocks of covariance(), also for large\n"
+      "sparse systems.");
   m.def(
       "_sensitivity",
       [](AnySystem& system, const py::object& x, const py::object& grad_x, double stationarity) {
@@ -495,9 +493,8 @@ void bind_systems(py::module_& m) {
           const auto points = points_of<Dim>(s, x);
           const typename System<Dim>::Points grad =
               map_points<Dim>(numbers(grad_x, "grad_x", {s.nodes(), Dim}));
-          auto result = interruptible_copy(is_large(s), [s = s, points, grad, options] {
-            return sensitivity_of<Dim>(s, points, grad, options);
-          });
+          auto result = interruptible_copy(
+              is_large(s), [s = s, points, grad, options] { return sensitivity(s, points, grad, options); });
           if (!result) refuse_sensitivity(result.status, result.message);
           return py::make_tuple(owned(std::move(result.anchors), {s.nodes(), Dim}),
                                 owned(std::move(result.anchor_stiffness), {s.nodes()}),
@@ -538,7 +535,7 @@ void bind_systems(py::module_& m) {
           if (!forces.is_none())
             tangent.loads = map_points<Dim>(numbers(forces, "loads", {s.loads.cols(), Dim}));
           auto result = interruptible_copy(is_large(s), [s = s, points, tangent, options] {
-            return solution_tangent_of<Dim>(s, points, tangent, options);
+            return solution_tangent(s, points, tangent, options);
           });
           if (!result) refuse_sensitivity(result.status, result.message);
           return owned(std::move(result.x), {s.nodes(), Dim});

@@ -457,6 +457,9 @@ class TermTest(unittest.TestCase):
         self.assertEqual((len(links), len(anchors)), (2, 7))
         with self.assertRaises(IndexError):
             links.remove([2])
+        limbs = system.add_common_length([[0, 1]], 2, prior=3, prior_stiffness=0.5)
+        limbs.append([[2, 3]])  # there is one prior for all
+        self.assertAlmostEqual(limbs.estimate(x), other.add_common_length([[0, 1], [2, 3]], 2, prior=3, prior_stiffness=0.5).estimate(x))
 
     def test_append_after_the_last_element(self):
         for count in (1, 3):

@@ -148,6 +148,43 @@ TEST(DrawGraph, HoldsNodesAndStops) {
   EXPECT_EQ(draw_graph(graph, 2, x, {}, options).status, Status::Interrupted);
 }
 
+TEST(DrawGraph, RefusesWhatIsNotFinite) {
+  const Graph graph = grid(3);
+  const std::vector<double> start = pivot_start(graph, 2);
+  const std::vector<double> at(18, 0), by(9, 1);
+  std::vector<double> x = start, positions = at, weights = by;
+  const auto expect = [&](const char* message) {
+    const std::vector<double> before = x;
+    const Summary summary = draw_graph(graph, 2, x, {positions, weights}, {});
+    EXPECT_EQ(summary.status, Status::InvalidInput);
+    EXPECT_EQ(summary.message, message);
+    EXPECT_TRUE(std::equal(x.begin(), x.end(), before.begin(),
+                           [](double a, double b) { return a == b || (std::isnan(a) && std::isnan(b)); }));
+  };
+  for (const double bad : {kInfinity, std::nan("")}) {
+    x[4] = bad;
+    expect("x must be finite");
+    x = start;
+    positions[17] = bad;
+    expect("anchors must be finite");
+    weights[8] = 0;  // of no anchor
+    EXPECT_TRUE(draw_graph(graph, 2, x, {positions, weights}, {}).usable());
+    positions = at, weights = by, x = start;
+  }
+  for (const double bad : {-1.0, std::nan("")}) {
+    weights = by;
+    weights[3] = bad;
+    expect("the weights of anchors must be at least 0");
+  }
+}
+
+TEST(ApplyRules, RefusesHalfAPoint) {
+  std::vector<double> x = {0, 0, 1, 0, 2};
+  const Summary summary = apply_rules(2, x, {});
+  EXPECT_EQ(summary.status, Status::InvalidInput);
+  EXPECT_EQ(summary.message, "expected dim coordinates for each point");
+}
+
 TEST(ApplyRules, KeepsBoxesApartAndNodesInOrder) {
   testing::Rng rng(3);
   constexpr int kNodes = 60;

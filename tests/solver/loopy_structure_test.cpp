@@ -4,8 +4,11 @@
 #include <algorithm>
 #include <asterism/solver/discrete/loopy_structure.hpp>
 #include <asterism/testing/random_system.hpp>
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <limits>
+#include <thread>
 #include <vector>
 
 #include "map_problem.hpp"
@@ -136,6 +139,34 @@ TEST(LoopyStructure, OfATreeIsAsGoodAsThePictorialStructure) {
     EXPECT_NEAR(summary.energy, wanted.energy, 1e-3);
     EXPECT_NEAR(summary.lower_bound, wanted.energy, 1e-3);
   }
+}
+
+TEST(LoopyStructure, LeavesThePlacementAsItWasIfItIsStopped) {
+  Problem problem;  // of two places and three parts, no two of which want the same one: the bound stays below
+  const std::vector<float> nothing(2, 0.0F);
+  for (int i = 0; i < 3; ++i) {
+    problem.maps.emplace_back(nothing.data(), 2, 1);
+    problem.joints.push_back({i, (i + 1) % 3, DisplacementCost::spring(1, 1, 0, 0, 2)});
+  }
+  LoopyStructure structure;
+  structure.options.tolerance = 0;
+  structure.options.progress = 0;
+  structure.options.max_iterations = std::numeric_limits<int>::max();
+  std::atomic<bool> stop = false;
+  structure.options.stop = &stop;
+  PartPlacement best;
+  best.energy = 17;
+  best.positions = Eigen::Matrix2Xi::Constant(2, 3, 5);
+  std::thread stopper([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    stop = true;
+  });
+  const LoopySummary summary = structure.solve(problem.joints, problem.maps, best);
+  stopper.join();
+  ASSERT_EQ(summary.status, Status::Interrupted) << summary;
+  EXPECT_GT(summary.iterations, 1);
+  EXPECT_EQ(best.energy, 17);
+  EXPECT_EQ(best.positions, (Eigen::Matrix2Xi::Constant(2, 3, 5)));
 }
 
 TEST(LoopyStructure, RefusesBadInputByName) {

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <asterism/solver/discrete/pictorial_structure.hpp>
 #include <asterism/solver/discrete/scaled_structure.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <cmath>

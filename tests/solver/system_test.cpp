@@ -610,13 +610,13 @@ TEST(LinksOfAllPairs, AreFollowedAsTheyComeAndGo) {
   };
   expect_sum("all pairs");
   const MatrixXd one = MatrixXd::Ones(1, 1);
-  links.append(Eigen::Vector2i(2, 12), std::vector<MatrixXd>{one, one});
+  links.append(Eigen::Vector2i(2, 12), {{"length", one}, {"stiffness", one}});
   expect_sum("one more");
   links.remove(std::vector<int>{links.size() - 1});
   expect_sum("that one gone");
   links.remove(std::vector<int>{3});
   expect_sum("another gone");
-  links.append(Eigen::Vector2i(0, 4), std::vector<MatrixXd>{one, one});
+  links.append(Eigen::Vector2i(0, 4), {{"length", one}, {"stiffness", one}});
   expect_sum("that one back, as the last");
   Eigen::MatrixXi turned = links.nodes();
   turned.row(0).swap(turned.row(1));
@@ -633,12 +633,52 @@ TEST(Terms, AppendAfterTheLastElementWasRemoved) {
     std::iota(all.begin(), all.end(), 0);
     links.remove(all);
     links.append(Eigen::Vector2i(0, 4),
-                 std::vector<MatrixXd>{MatrixXd::Constant(1, 1, 5), MatrixXd::Constant(1, 1, 7)});
+                 {{"stiffness", MatrixXd::Constant(1, 1, 7)}, {"length", MatrixXd::Constant(1, 1, 5)}});
     MatrixXd x = MatrixXd::Zero(2, 5);
     x(0, 4) = 4;
     EXPECT_EQ(links.size(), 1);
     EXPECT_DOUBLE_EQ(links.energy(x, nullptr), 3.5);
   }
+}
+
+TEST(Terms, AppendTheirOwnElements) {
+  Rng rng(3);
+  const MatrixXd x = random_points(rng, 2, 4);
+  System system(4, 2);
+  Links& links = system.add_links(all_pairs(3), random_values(rng, 3, 1, 2), random_values(rng, 3, 1, 2));
+  const double once = links.energy(x, nullptr);
+  links.append(links.nodes(), {{"length", links.values("length")}, {"stiffness", links.values("stiffness")}});
+  EXPECT_EQ(links.size(), 6);
+  EXPECT_NEAR(links.energy(x, nullptr), 2 * once, 1e-12 * once);
+}
+
+TEST(Terms, AppendToASingleElement) {
+  System system(4, 2);
+  CommonLength& limbs = system.add_common_length(Eigen::Vector2i(0, 1), System::all(2), 3, 0.5);
+  limbs.append(Eigen::Vector2i(2, 3), {});  // there is one prior for all
+  EXPECT_EQ(limbs.defect(4), "");
+  System expected(4, 2);
+  Eigen::Matrix2Xi pairs(2, 2);
+  pairs << 0, 2, 1, 3;
+  Rng rng(4);
+  const MatrixXd x = random_points(rng, 2, 4);
+  EXPECT_EQ(limbs.energy(x, nullptr),
+            expected.add_common_length(pairs, System::all(2), 3, 0.5).energy(x, nullptr));
+}
+
+TEST(Terms, StayAsTheyAreIfWrongElementsAreAppended) {
+  System system(4, 2);
+  Links& links = system.add_links(all_pairs(3), VectorXd::Constant(3, 5), System::all(2));
+  const Eigen::Vector2i pair(0, 3);
+  const MatrixXd one = MatrixXd::Ones(1, 1);
+  EXPECT_THROW(links.append(pair, {}), std::invalid_argument);
+  EXPECT_THROW(links.append(pair, {{"lenght", one}}), std::invalid_argument);
+  EXPECT_THROW(links.append(pair, {{"length", one}, {"stiffness", one}}), std::invalid_argument);
+  EXPECT_THROW(links.append(pair, {{"length", MatrixXd::Ones(1, 2)}}), std::length_error);
+  EXPECT_THROW(links.append(pair, {{"length", MatrixXd::Ones(2, 1)}}), std::length_error);
+  EXPECT_THROW(links.append(Eigen::Vector3i(0, 1, 2), {{"length", one}}), std::length_error);
+  EXPECT_EQ(links.size(), 3);
+  EXPECT_EQ(links.values("length"), MatrixXd::Constant(1, 3, 5));
 }
 
 System mixture(Rng& rng, int dim, bool smooth) {
@@ -1375,8 +1415,8 @@ TEST(SystemEdits, AreThoseOfASystemMadeAtOnce) {
   EXPECT_TRUE(solve(system, x).usable());
   system.add_nodes(2);
   const MatrixXd more = positions.rightCols(2);
-  held.append(Eigen::RowVector2i(5, 6), std::vector<MatrixXd>{more});
-  chain.append(pairs.rightCols(2), std::vector<MatrixXd>{lengths.tail(2).transpose()});
+  held.append(Eigen::RowVector2i(5, 6), {{"position", more}});
+  chain.append(pairs.rightCols(2), {{"length", lengths.tail(2).transpose()}});
   const std::vector<int> gone{3};
   system.remove_nodes(gone);
 

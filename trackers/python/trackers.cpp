@@ -472,9 +472,8 @@ void bind_trackers(py::module_& m) {
             return array_of(part == nullptr ? r.corners() : r.corners(*part));
           },
           py::arg("part") = py::none(),
-          "The box, or that of a part, as it is turned: (4, 2), those at the top left, top right, bottom "
-          "right\n"
-          "and bottom left while upright [px].")
+          "The box, or that of a part, as it is turned: (4, 2), those at the top left, top right, bottom\n"
+          "right and bottom left while upright [px].")
       .def(
           "__bool__", [](const TrackResult& r) { return !r.lost; }, "Whether the object is not lost.")
       .def(py::pickle(&fields_of, &result_of))
@@ -523,23 +522,18 @@ void bind_trackers(py::module_& m) {
         return std::pair(range->black, range->white);
       },
       py::arg("image"),
-      "The (black, white) that a video's first image seems to need as pixel_range: of uint16 the fewest of "
-      "8, "
-      "10,\n"
-      "12 and 14 bits that hold its values, of float32 beyond 1 the fewest of 8 to 16 bits, else its least "
-      "and\n"
-      "greatest value. None where it needs none.");
+      "The (black, white) that a video's first image seems to need as pixel_range: of uint16 the fewest\n"
+      "of 8, 10, 12 and 14 bits that hold its values, of float32 beyond 1 the fewest of 8 to 16 bits,\n"
+      "else its least and greatest value. None where it needs none.");
 
   py::class_<Tracker> tracker(
       m, "Tracker",
-      "A single-object tracker. Images are (height, width), (height, width, 3) in the order blue, green, "
-      "red,\n"
-      "or (height, width, 4), of uint8, uint16, or float32 in [0, 1] (values up to 1.5 are clipped, an "
-      "image\n"
-      "with values beyond is refused). They are not copied if the pixels of a row are contiguous. Boxes are\n"
-      "(x, y, width, height) [px]. The GIL is released during computations. RuntimeError if two threads use\n"
-      "a tracker at once. A copy, also one from a pickle, goes on by itself, bit for bit; ValueError for\n"
-      "trackers that cannot be saved.");
+      "A single-object tracker. Images are (height, width), (height, width, 3) in the order blue, green,\n"
+      "red, or (height, width, 4), of uint8, uint16, or float32 in [0, 1] (values up to 1.5 are clipped,\n"
+      "an image with values beyond is refused). They are not copied if the pixels of a row are\n"
+      "contiguous. Boxes are (x, y, width, height) [px]. The GIL is released during computations.\n"
+      "RuntimeError if two threads use a tracker at once. A copy, also one from a pickle, goes on by\n"
+      "itself, bit for bit; ValueError for trackers that cannot be saved.");
   def_copy(tracker);
   tracker
       .def(
@@ -576,15 +570,11 @@ void bind_trackers(py::module_& m) {
               self.init(given[0], given[1]);
             },
             "init(self: asterism.Tracker, image: numpy.ndarray, box: object) -> None\n\n"
-            "Start on an object; may be called again at any time. box: x, y, width, height; or the corners "
-            "of a\n"
-            "polygon, x1, y1, x2, y2, .. or (N, 2); or a mask, (height, width) of bool or uint8. Of a "
-            "polygon or\n"
-            "a mask the upright box of the same area and centre is followed.\n"
-            "ValueError, and the former state, for what is not finite, smaller than 1 x 1 or off the image, "
-            "and\n"
-            "where the box and its surroundings, of twice its sides, have one gray level or color. Noise is "
-            "not\n"
+            "Start on an object; may be called again at any time. box: x, y, width, height; or the corners\n"
+            "of a polygon, x1, y1, x2, y2, .. or (N, 2); or a mask, (height, width) of bool or uint8. Of a\n"
+            "polygon or a mask the upright box of the same area and centre is followed. ValueError, and\n"
+            "the former state, for what is not finite, smaller than 1 x 1 or off the image, and where the\n"
+            "box and its surroundings, of twice its sides, have one gray level or color. Noise is not\n"
             "refused: start in a frame that shows the object.")
         .def(
             "update",
@@ -617,21 +607,17 @@ void bind_trackers(py::module_& m) {
             self.add(given.as<int>(0, "an integer"), given[1], given[2], name, given[4]);
           },
           "add(self: asterism.MultiTracker, id: int, image: numpy.ndarray, box: object, name: str = "
-          "'dpt_plus', "
-          "options: "
-          "object = None) -> None\n\n"
-          "Follow an object from this image on, by a tracker of this name and options. ValueError where "
-          "there is\n"
-          "one of that id, and what Tracker and its init raise.")
+          "'dpt_plus', options: object = None) -> None\n\n"
+          "Follow an object from this image on, by a tracker of this name and options. ValueError where\n"
+          "there is one of that id, and what Tracker and its init raise.")
       .def(
           "update",
           [](Objects& self, const py::args& args, const py::kwargs& kwargs) {
             return self.update(Arguments("update", {"image"}, 1, args, kwargs)[0]);
           },
           "update(self: asterism.MultiTracker, image: numpy.ndarray) -> dict\n\n"
-          "A dict from ids to TrackResult in the next image, or to the exception that the object's tracker "
-          "ended\n"
-          "with; the others do not notice.");
+          "A dict from ids to TrackResult in the next image, or to the exception that the object's\n"
+          "tracker ended with; the others do not notice.");
 }
 
 }  // namespace asterism::python

@@ -118,8 +118,42 @@ inline Eigen::ArrayXf hann(int n) {
   return 0.5F - 0.5F * Eigen::ArrayXf::LinSpaced(n, 0, 2 * std::numbers::pi_v<float>).cos();
 }
 
+/// The Hann window of a plane, row after row.
+inline Eigen::ArrayXf hann(int rows, int cols) {
+  const Eigen::ArrayXf across = hann(cols), down = hann(rows);
+  Eigen::ArrayXf result(Eigen::Index{rows} * cols);
+  for (int r = 0; r < rows; ++r) result.segment(Eigen::Index{r} * cols, cols) = down(r) * across;
+  return result;
+}
+
 /// Signed circular distance of index i from 0 on a period of n.
 inline int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
+
+/// The label of a correlation filter, row after row: a Gaussian of height 1 at zero shift, wrapped.
+inline Eigen::ArrayXf gaussian_label(int rows, int cols, double sigma) {
+  Eigen::ArrayXf result(Eigen::Index{rows} * cols);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c) {
+      const double dr = wrapped(r, rows), dc = wrapped(c, cols);
+      result(r * cols + c) = static_cast<float>(std::exp(-0.5 * (dr * dr + dc * dc) / (sigma * sigma)));
+    }
+  return result;
+}
+
+/// A correlation of even sides, row after row, with zero shift in the middle, so that it has the layout of
+/// the search window.
+inline void put_in_the_middle(const Eigen::ArrayXf& plane, ResponseMap& response) {
+  const Eigen::Index rows = response.values.rows(), cols = response.values.cols();
+  for (Eigen::Index r = 0; r < rows; ++r) {
+    const auto line = plane.segment(r * cols, cols).transpose();
+    auto row = response.values.row((r + rows / 2) % rows);
+    row.tail(cols / 2) = line.head(cols / 2);
+    row.head(cols / 2) = line.tail(cols / 2);
+  }
+}
+
+/// The multiple of 8 nearest to `wanted`, for which the FFT is fast.
+inline int fast_side(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
 
 /// Vertex of a Gaussian through three values, of which the middle one is the largest and positive: the vertex
 /// of the parabola through their logarithms. For a label that is a Gaussian about one cell wide, a parabola

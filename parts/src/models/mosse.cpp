@@ -1,7 +1,7 @@
 #include <array>
 #include <asterism/parts/concept/part_options.hpp>
 #include <asterism/parts/models/mosse.hpp>
-#include <cstdint>
+#include <asterism/solver/base/split_mix.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "../concept/part_geometry.hpp"
@@ -16,14 +16,6 @@ constexpr int kPeakReach = 5;
 // -log of the smallest likelihood kept; smaller ones would become denormal numbers, which are slow.
 constexpr float kUnlikely = 60;
 
-// splitmix64 (Steele, Lea & Flood 2014), uniform in [-1, 1).
-double uniform(std::uint64_t& state) {
-  std::uint64_t z = state += 0x9e3779b97f4a7c15ULL;
-  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-  z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-  return static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-52 - 1;
-}
-
 const std::array<float, 256>& log_levels() {
   static const auto levels = [] {
     std::array<float, 256> table;
@@ -32,9 +24,6 @@ const std::array<float, 256>& log_levels() {
   }();
   return levels;
 }
-
-// Multiples of 8, for which the FFT is fast.
-int fast_side(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
 
 // Mean and standard deviation of a periodic response outside the peak's square: sums over the whole map less
 // those of the square.
@@ -76,8 +65,8 @@ void Mosse::prepare(const Size2& size) {
   rows_ = fast_side((size.y() + margin) * to_template);
 
   fft_ = RealFft2(rows_, cols_);
-  const Eigen::Index pixels = Eigen::Index{rows_} * cols_, half = Eigen::Index{rows_} * fft_.spectrum_cols();
-  plane_.resize(pixels);
+  const Eigen::Index half = Eigen::Index{rows_} * fft_.spectrum_cols();
+  plane_.resize(Eigen::Index{rows_} * cols_);
   spectrum_.resize(half);
   numerator_.setZero(half);
   denominator_.setZero(half);
@@ -86,19 +75,9 @@ void Mosse::prepare(const Size2& size) {
   response_.spacing = Size2::Constant(spacing_);
   likelihood_ = response_;
 
-  const Eigen::ArrayXf across = hann(cols_), down = hann(rows_);
-  hann_.resize(pixels);
-  for (int r = 0; r < rows_; ++r) hann_.segment(Eigen::Index{r} * cols_, cols_) = down(r) * across;
-
-  // The label: a Gaussian at zero displacement, wrapped.
-  const double variance = options_.label_sigma * options_.label_sigma;
-  for (int r = 0; r < rows_; ++r)
-    for (int c = 0; c < cols_; ++c) {
-      const double dr = wrapped(r, rows_), dc = wrapped(c, cols_);
-      plane_(r * cols_ + c) = static_cast<float>(std::exp(-0.5 * (dr * dr + dc * dc) / variance));
-    }
+  hann_ = hann(rows_, cols_);
   label_.resize(half);
-  fft_.forward(plane_.data(), label_.data());
+  fft_.forward(gaussian_label(rows_, cols_, options_.label_sigma).data(), label_.data());
 }
 
 void Mosse::init(const Frame& frame, const Point2& centre, const Size2& size) {
@@ -109,12 +88,12 @@ void Mosse::init(const Frame& frame, const Point2& centre, const Size2& size) {
   sample(frame, centre);
   transform(patch_.mat);
   learn(1);
-  std::uint64_t state = 1;
+  detail::SplitMix64 random(1);
   cv::Mat perturbed;
   const double x = 0.5 * (cols_ - 1), y = 0.5 * (rows_ - 1);
   for (int i = 1; i <= options_.perturbations; ++i) {
-    const double a = 1 + options_.perturbation * uniform(state), b = options_.perturbation * uniform(state);
-    const double c = options_.perturbation * uniform(state), d = 1 + options_.perturbation * uniform(state);
+    const auto error = [&] { return options_.perturbation * random.symmetric(); };
+    const double a = 1 + error(), b = error(), c = error(), d = 1 + error();
     const cv::Matx23d about_centre(a, b, x - a * x - b * y, c, d, y - c * x - d * y);
     cv::warpAffine(patch_.mat, perturbed, about_centre, patch_.mat.size(), cv::INTER_LINEAR,
                    cv::BORDER_REPLICATE);
@@ -140,13 +119,7 @@ Evidence Mosse::localize(const Frame& frame, const Point2& around) {
   transform(patch_.mat);
   spectrum_ *= filter_;
   fft_.inverse(spectrum_.data(), plane_.data());
-  // Zero displacement goes to the middle of the map, so that the map has the layout of the search window.
-  for (int r = 0; r < rows_; ++r) {
-    const auto line = plane_.segment(Eigen::Index{r} * cols_, cols_).transpose();
-    auto row = response_.values.row((r + rows_ / 2) % rows_);
-    row.tail(cols_ / 2) = line.head(cols_ / 2);
-    row.head(cols_ / 2) = line.tail(cols_ / 2);
-  }
+  put_in_the_middle(plane_, response_);
   response_.origin = around - spacing_ * Point2(cols_ / 2, rows_ / 2);
 
   Eigen::Index row = 0, col = 0;

@@ -23,9 +23,6 @@ constexpr double kSegmentationPadding = 2;
 // Bounds of the spatial prior (Lukezic et al.): 0.5 far from the target, and never certain.
 constexpr double kLeastPrior = 0.5, kLargestPrior = 0.9;
 
-// The number of cells nearest to `wanted` for which the FFT is fast.
-int multiple_of_eight(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
-
 // Those of the network that the options name, if they do.
 std::shared_ptr<const CellChannels> channels_of(const SpatialReliabilityOptions& options) {
   if (options.network.text.empty()) return {};
@@ -139,8 +136,8 @@ void SpatialReliability::init(const Frame& frame, const Point2& centre, const Si
 void SpatialReliability::prepare(const Size2& size) {
   const double to_template = template_scale(size, options_.window, max_window_side(options_.cell_size));
   const double margin = options_.window.padding * mean_side(size);
-  cols_ = multiple_of_eight((size.x() + margin) * to_template / options_.cell_size);
-  rows_ = multiple_of_eight((size.y() + margin) * to_template / options_.cell_size);
+  cols_ = fast_side((size.x() + margin) * to_template / options_.cell_size);
+  rows_ = fast_side((size.y() + margin) * to_template / options_.cell_size);
   size_ = initial_size_ = size;
   scale_ = initial_scale_ = Size2::Constant(1 / to_template);
 
@@ -164,19 +161,9 @@ void SpatialReliability::prepare(const Size2& size) {
   mask_.values.resize(rows_, cols_);
   mask_.periodic = false;
 
-  const Eigen::ArrayXf across = hann(cols_), down = hann(rows_);
-  hann_.resize(plane);
-  for (int r = 0; r < rows_; ++r) hann_.segment(Eigen::Index{r} * cols_, cols_) = down(r) * across;
-
-  // The label: a Gaussian at zero shift, wrapped.
-  const double variance = options_.label_sigma * options_.label_sigma;
-  for (int r = 0; r < rows_; ++r)
-    for (int c = 0; c < cols_; ++c) {
-      const double dr = wrapped(r, rows_), dc = wrapped(c, cols_);
-      plane_(r * cols_ + c) = static_cast<float>(std::exp(-0.5 * (dr * dr + dc * dc) / variance));
-    }
+  hann_ = hann(rows_, cols_);
   // The label is symmetric, so its spectrum is real.
-  plane_fft_.forward(plane_.data(), spectrum_.data());
+  plane_fft_.forward(gaussian_label(rows_, cols_, options_.label_sigma).data(), spectrum_.data());
   label_ = spectrum_.real();
 }
 
@@ -212,13 +199,7 @@ void SpatialReliability::resize(const Size2& size) {
 Evidence SpatialReliability::localize(const Frame& frame, const Point2& around) {
   transform_patch(frame, around);
   respond(sample_);
-  // Zero shift goes to the middle of the map, so that the map has the layout of the search window.
-  for (int r = 0; r < rows_; ++r) {
-    const auto line = plane_.segment(Eigen::Index{r} * cols_, cols_).transpose();
-    auto row = response_.values.row((r + rows_ / 2) % rows_);
-    row.tail(cols_ / 2) = line.head(cols_ / 2);
-    row.head(cols_ / 2) = line.tail(cols_ / 2);
-  }
+  put_in_the_middle(plane_, response_);
   response_.spacing = scale_ * options_.cell_size;
   response_.origin = around - response_.spacing.cwiseProduct(Point2(cols_ / 2, rows_ / 2));
   Evidence evidence = evidence_of(response_);

@@ -70,6 +70,28 @@ class Embedding:
         return f"<asterism.Embedding: {n} nodes, dim {dim}, stress {self.stress:.6g}, {proven}{parts}>"
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of the places of nodes."""
+
+    nodes: list[Any]
+    #: (N, dim): of the anchors; 0 for nodes without one.
+    at: _Floats
+    #: (N,): the anchors' weights; 0 for nodes without one, infinite for those that are held.
+    hold: _Floats
+    #: (N, dim), if it is given.
+    start: _Floats | None = None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Edges:
+    """A graph and its components."""
+
+    graph: _asterism._Graph
+    components: list[_Indices]
+    unit: float  # the longest edge; 1 if there is none
+
+
 def mds(
     distances: Any,
     weights: Any = None,
@@ -115,7 +137,7 @@ def mds(
     given = None if start is None else inputs.array(start, "start", (n, dim))
     if given is not None and not np.isfinite(given).all():
         raise ValueError("start: expected finite numbers")
-    return embed(list(range(n)), pairs, lengths, stiffness, at, hold, given, dim, method, options)
+    return embed(Known(list(range(n)), at, hold, given), pairs, lengths, stiffness, method, options)
 
 
 def layout(
@@ -177,7 +199,7 @@ def layout(
     """
     _check_dim(dim)
     nodes, edges, joined_nodes, joined_lengths = _graph_of(graph, length)
-    n, unit = len(nodes), _unit(joined_lengths)
+    n = len(nodes)
     if method is None:
         method = "lbfgs-jacobi" if partners is not None else "sgd" if n > _MANY else "multi-start"
     power = inputs.number(power, "power")
@@ -190,14 +212,13 @@ def layout(
     given = None if start is None else inputs.array(start, "start", (n, dim))
     if given is not None and not np.isfinite(given).all():
         raise ValueError(f"start: expected finite numbers for all nodes, found {given[~np.isfinite(given).all(axis=1)][0]}")
-    at, hold = _anchors_of(anchors, anchor_weights, n, dim)
-    components = _components(edges)
+    known = Known(nodes, *_anchors_of(anchors, anchor_weights, n, dim), given)
     if method == "sgd" and partners is not None:
         raise ValueError("partners: the method 'sgd' draws the pairs itself; give one of the two")
     if any(rule is not None for rule in (sizes, layers, downward, aligned, groups)):
         found = Rules(nodes, joined_nodes, dim, sizes, layers, downward, aligned, groups)
-        return _ruled(found, nodes, joined_nodes, joined_lengths, at, hold, given, power, method, partners, options)
-    return _free(nodes, edges, unit, components, at, hold, given, power, method, partners, options)
+        return _ruled(found, known, joined_nodes, joined_lengths, power, method, partners, options)
+    return _free(known, edges, power, method, partners, options)
 
 
 def layout_stress(
@@ -220,9 +241,9 @@ def layout_stress(
         # Scaled first: the difference of sums that are much larger than the stress would be their rounding.
         points -= points.min(axis=0) / 2 + points.max(axis=0) / 2
         points /= np.abs(points).max() or 1.0
-        _, product, square = edges.stress_sums(points, power)
+        _, product, square = edges.graph.stress_sums(points, power)
         points *= product / square if square > 0 else 1.0
-    return float(edges.stress_sums(points, power)[0])
+    return float(edges.graph.stress_sums(points, power)[0])
 
 
 def _path_weights(lengths: _Floats, power: float) -> _Floats:
@@ -334,15 +355,15 @@ def _check_range(lengths: _Floats, weights: _Floats, at: _Floats, hold: _Floats)
     )
 
 
-def _graph_of(graph: Any, length: str | None) -> tuple[list[Any], _asterism._Graph, npt.NDArray[np.intp], _Floats]:
-    """Also the edges and their lengths."""
+def _graph_of(graph: Any, length: str | None) -> tuple[list[Any], _Edges, npt.NDArray[np.intp], _Floats]:
+    """The nodes and the graph; also the edges' ends and their lengths."""
     nodes, pairs, lengths = _edges_of(graph, length)
-    return nodes, _asterism._Graph(len(nodes), pairs.astype(np.int64), lengths), pairs, lengths
+    return nodes, _edges_with(len(nodes), pairs, lengths), pairs, lengths
 
 
-def _unit(lengths: _Floats) -> float:
-    """The longest edge, 1 if there is none."""
-    return float(lengths.max(initial=0)) or 1.0
+def _edges_with(n: int, pairs: npt.NDArray[np.intp], lengths: _Floats) -> _Edges:
+    graph = _asterism._Graph(n, pairs.astype(np.int64), lengths)
+    return _Edges(graph, _components(graph), float(lengths.max(initial=0)) or 1.0)
 
 
 def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
@@ -684,144 +705,111 @@ def _in_rows(x: _Floats, components: list[_Indices], hold: _Floats, unit: float)
 
 
 def _draw(
-    nodes: list[Any],
-    graph: _asterism._Graph,
-    unit: float,
-    components: list[_Indices],
-    at: _Floats,
-    hold: _Floats,
-    given: _Floats | None,
-    power: float,
-    rules: _asterism._Rules | None = None,
-    is_refining: bool | None = None,
-    **options: Any,
+    known: Known, edges: _Edges, power: float, rules: _asterism._Rules | None = None, is_refining: bool | None = None, **options: Any
 ) -> Embedding:
     """layout's method "sgd". is_refining: by default if a start is given."""
+    nodes, at, hold = known.nodes, known.at, known.hold
     if not nodes:
         raise ValueError("there are no nodes")
-    known = {"seed": (1, 0), "iterations": (0, 1), "threads": (0, 0)}  # by default and at least
-    if unknown := [name for name in options if name not in known]:
-        raise TypeError(names.no_option(f"method 'sgd' (the default over {_MANY} nodes)", unknown[0], list(known)))
-    values = {name: inputs.count(options[name], name, least) if name in options else default for name, (default, least) in known.items()}
+    own = {"seed": (1, 0), "iterations": (0, 1), "threads": (0, 0)}  # by default and at least
+    if unknown := [name for name in options if name not in own]:
+        raise TypeError(names.no_option(f"method 'sgd' (the default over {_MANY} nodes)", unknown[0], list(own)))
+    values = {name: inputs.count(options[name], name, least) if name in options else default for name, (default, least) in own.items()}
     _check_range(np.empty(0), np.empty(0), at, hold)
-    if given is None:
-        x = graph.pivot_start(at.shape[1])
-        for those, is_held in zip(components, _any_of_each(hold > 0, components)):
+    if known.start is None:
+        x = edges.graph.pivot_start(at.shape[1])
+        for those, is_held in zip(edges.components, _any_of_each(hold > 0, edges.components)):
             if is_held:
                 x[those] = _to_anchors(x[those], at[those], hold[those])
     else:
-        x = given.copy()
+        x = known.start.copy()
     exact = np.isinf(hold)
     x[exact] = at[exact]
-    values["is_refining"] = given is not None if is_refining is None else is_refining
-    x, summary = graph.draw(x, at, hold, power, **values, **({} if rules is None else {"rules": rules}))
+    values["is_refining"] = known.start is not None if is_refining is None else is_refining
+    x, summary = edges.graph.draw(x, at, hold, power, **values, **({} if rules is None else {"rules": rules}))
     if summary.status == _asterism.Status.OUT_OF_MEMORY:
         raise MemoryError(f"{summary.solver}: {summary.message}")
     if not summary:
         raise ValueError(f"{summary.solver}: {summary.message}")
     stress = 2 * summary.final_energy
     if not (np.isfinite(stress) and np.isfinite(x).all()):
-        raise ValueError(f"lengths of up to {unit}: another unit is needed, as the stress would leave the range of float64")
-    x = _in_rows(x, components, hold, unit) if rules is None else x
-    return Embedding(x, stress, 0.0, 1.0 if stress > 0 else 0.0, None, summary, None, nodes, _parts(components, hold))
+        raise ValueError(f"lengths of up to {edges.unit}: another unit is needed, as the stress would leave the range of float64")
+    x = _in_rows(x, edges.components, hold, edges.unit) if rules is None else x
+    return Embedding(x, stress, 0.0, 1.0 if stress > 0 else 0.0, None, summary, None, nodes, _parts(edges.components, hold))
 
 
-def _free(
-    nodes: list[Any],
-    graph: _asterism._Graph,
-    unit: float,
-    components: list[_Indices],
-    at: _Floats,
-    hold: _Floats,
-    given: _Floats | None,
-    power: float,
-    method: str,
-    partners: int | None,
-    options: dict[str, Any],
-) -> Embedding:
+def _free(known: Known, edges: _Edges, power: float, method: str, partners: int | None, options: dict[str, Any]) -> Embedding:
     """layout without rules."""
     if method == "sgd":
-        return _draw(nodes, graph, unit, components, at, hold, given, power, **options)
+        return _draw(known, edges, power, **options)
     if partners is None:
-        pairs, lengths = graph.pairs(sum(len(c) * (len(c) - 1) // 2 for c in components))
+        pairs, lengths = edges.graph.pairs(sum(len(c) * (len(c) - 1) // 2 for c in edges.components))
         weights = _path_weights(lengths, power)
     else:
         options = {"tolerance": 1e-6, **options}  # below it only long paths change, and take five times as long
-        pairs, lengths, shares = graph.partners(inputs.count(partners, "partners"), 1)
+        pairs, lengths, shares = edges.graph.partners(inputs.count(partners, "partners"), 1)
         weights = shares * _path_weights(lengths, power)
-    return embed(
-        *(nodes, pairs, lengths, weights, at, hold, given, at.shape[1], method, options, graph, components),
-        prove=partners is None,  # a proof of the sparse stress would take longer than the drawing
-    )
+    # A proof of the sparse stress would take longer than the drawing.
+    return embed(known, pairs, lengths, weights, method, options, edges, prove=partners is None)
 
 
 def _ruled(
     rules: Rules,
-    nodes: list[Any],
+    known: Known,
     pairs: npt.NDArray[np.intp],
     lengths: _Floats,
-    at: _Floats,
-    hold: _Floats,
-    given: _Floats | None,
     power: float,
     method: str,
     partners: int | None,
     options: dict[str, Any],
 ) -> Embedding:
     """layout with rules: the drawing without them, or the start given, and from there by the method "sgd" with them."""
+    at, hold, x = known.at, known.hold, known.start
     n, dim = at.shape
-    edges, unit = pairs, _unit(lengths)
+    edges = _edges_with(n, pairs, lengths)
+    unit = edges.unit
     hubs = int(rules.groups.max(initial=-1)) + 1
+    native = rules.native(at, hold, hubs)
     if hubs:
         more, radii = rules.hubs(float(np.median(lengths)) if len(lengths) else 1.0)
-        edges, lengths = np.concatenate([pairs, more]), np.concatenate([lengths, radii])
+        edges = dataclasses.replace(_edges_with(n + hubs, np.concatenate([pairs, more]), np.concatenate([lengths, radii])), unit=unit)
         at, hold = np.concatenate([at, np.zeros((hubs, dim))]), np.concatenate([hold, np.zeros(hubs)])
-        if given is not None:
-            middles = [given[rules.groups == k].mean(axis=0) if (rules.groups == k).any() else given.mean(axis=0) for k in range(hubs)]
-            given = np.concatenate([given, middles])
-    everyone: list[Any] = list(range(n + hubs))
-    graph = _asterism._Graph(n + hubs, edges.astype(np.int64), lengths)
-    native = rules.native(at[:n], hold[:n], hubs)
-    components = _components(graph)
-    is_held = bool((hold > 0).any())
-    x = given
+        if x is not None:
+            x = np.concatenate([x, [(x[those] if (those := rules.groups == k).any() else x).mean(axis=0) for k in range(hubs)]])
+    everyone = Known(list(range(n + hubs)), at, hold)
+    is_given, is_held = x is not None, bool((hold > 0).any())
     if x is None:
-        x = _free(everyone, graph, unit, components, at, hold, None, power, method, partners, options).x
+        x = _free(everyone, edges, power, method, partners, options).x
         if rules.have_heights and not is_held:
             x = rules.turned(x)
     in_a_row = rules.have_heights and not is_held and not hubs and not rules.is_aligned[0]
-    if in_a_row and given is None:
-        x = rules.in_a_row(x, components, unit)
-    is_refining = given is not None or not rules.have_heights
+    if in_a_row and not is_given:
+        x = rules.in_a_row(x, edges.components, unit)
+    is_refining = is_given or not rules.have_heights
     of_sgd = options if method == "sgd" else {}
-    found = _draw(everyone, graph, unit, components, at, hold, x, power, native, is_refining, **of_sgd)
+    found = _draw(dataclasses.replace(everyone, start=x), edges, power, native, is_refining, **of_sgd)
     x = found.x[:n]
     if in_a_row:
-        x = rules.in_a_row(x, components, unit)
+        x = rules.in_a_row(x, edges.components, unit)
     if not is_held:
         middle = x.mean(axis=0)
         middle[1] = 0 if (~np.isnan(rules.layers)).any() else middle[1]
         x = x - middle
-    return dataclasses.replace(found, x=x, nodes=nodes)
+    return dataclasses.replace(found, x=x, nodes=known.nodes)
 
 
 def embed(
-    nodes: list[Any],
+    known: Known,
     pairs: npt.NDArray[np.intp],
     lengths: _Floats,
     weights: _Floats,
-    at: _Floats,
-    hold: _Floats,
-    given: _Floats | None,
-    dim: int,
     method: str,
     options: dict[str, Any],
-    graph: _asterism._Graph | None = None,
-    components: list[npt.NDArray[np.intp]] | None = None,
+    edges: _Edges | None = None,
     prove: bool = True,
 ) -> Embedding:
-    """graph and its components: for the start; by default those of the pairs and lengths."""
-    n = len(nodes)
+    """edges: for the start; by default the pairs, with their lengths."""
+    (n, dim), at, hold = known.at.shape, known.at, known.hold
     if n == 0:
         raise ValueError("there are no nodes")
     system = _asterism.SpringSystem(_asterism.Topology.from_links(n, pairs), dim)
@@ -833,14 +821,12 @@ def embed(
     system.link_stiffness = weights
     for node in np.flatnonzero(exact):
         system.fix(int(node))
-    if graph is None or components is None:
-        components, distances = joined(n, pairs, lengths)
-    else:
-        distances = graph.distances
-    x = _start(distances, components, at, hold, dim) if given is None else _centred(given, components, hold)
+    components, distances = (edges.components, edges.graph.distances) if edges else joined(n, pairs, lengths)
+    start = known.start
+    x = _start(distances, components, at, hold, dim) if start is None else _centred(start, components, hold)
     starts = [x]
     if method == "multi-start":
-        if given is None and "starts" not in options:
+        if start is None and "starts" not in options:
             seed = options.get("seed", 1)
             seed = int(seed) if isinstance(seed, (int, np.integer)) and 0 <= seed < 2**63 else 1  # the method refuses others
             starts += sampled_starts(distances, pairs, weights, x, components, at, hold, seed)
@@ -858,4 +844,4 @@ def embed(
     stress = 2 * _asterism.energy(system, x)
     lower_bound = min(max(2 * certificate.lower_bound if certificate else 0.0, 2 * summary.lower_bound, 0.0), stress)
     gap = proven_gap(stress, lower_bound, rounding_of(x, system.topology.links, lengths, weights))
-    return Embedding(x, stress, lower_bound, gap, certificate, summary, system, nodes, _parts(components, hold))
+    return Embedding(x, stress, lower_bound, gap, certificate, summary, system, known.nodes, _parts(components, hold))

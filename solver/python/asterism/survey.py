@@ -79,10 +79,8 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     # Where all pairs are measured, classical scaling, the first start, is near the best places.
     options = {"starts": 4} if is_pair.sum() == count * (count - 1) else {}
     i, j = pairs = np.nonzero(np.triu(is_pair))
-    free = np.zeros((count, dim)), np.zeros(count)  # no anchors
-    placed = embedding.embed(
-        list(range(count)), np.column_stack(pairs), range_of[i, j], weight[i, j], *free, None, dim, "multi-start", options, prove=bias == 0
-    )
+    known = embedding.Known(list(range(count)), np.zeros((count, dim)), np.zeros(count))  # no anchors
+    placed = embedding.embed(known, np.column_stack(pairs), range_of[i, j], weight[i, j], "multi-start", options, prove=bias == 0)
     network = _Network(range_of, weight, bias)
     x, added, inverse = network.solve(placed.x)
     covariance, bias_sigma, message = network.uncertainty(x, inverse)

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/split_mix.hpp>
 #include <asterism/solver/base/stopwatch.hpp>
 #include <asterism/solver/graph/drawing.hpp>
 #include <asterism/solver/run/executor.hpp>
@@ -28,29 +29,10 @@ constexpr int kBatches = 16;  // at a time
 
 std::size_t at(int node) { return static_cast<std::size_t>(node); }
 
-/// SplitMix64 (Steele, Lea and Flood 2014).
-class Random {
- public:
-  explicit Random(std::uint64_t seed) : state_(seed) {}
-
-  std::uint64_t operator()() {
-    std::uint64_t z = state_ += 0x9e3779b97f4a7c15ULL;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-    return z ^ (z >> 31);
-  }
-  std::size_t below(std::size_t count) { return static_cast<std::size_t>((*this)() % count); }
-  /// In [-1, 1).
-  double symmetric() { return static_cast<double>((*this)() >> 11) * 0x1p-52 - 1; }
-
-  template <typename T>
-  void shuffle(std::span<T> values) {
-    for (std::size_t k = values.size(); k > 1; --k) std::swap(values[k - 1], values[below(k)]);
-  }
-
- private:
-  std::uint64_t state_;
-};
+template <typename T>
+void permute(std::span<T> values, detail::SplitMix64& random) {
+  for (std::size_t k = values.size(); k > 1; --k) std::swap(values[k - 1], values[random.below(k)]);
+}
 
 bool is_set(const std::atomic<bool>* stop) {
   return stop != nullptr && stop->load(std::memory_order_relaxed);
@@ -107,7 +89,7 @@ void scale_by_pivots(ShortestPaths& paths, const std::vector<int>& nodes, const 
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(products);
   const double share = std::sqrt(static_cast<double>(n) / static_cast<double>(pivots));
-  Random random(1);
+  detail::SplitMix64 random(1);
   const double noise =
       1e-3 * unit * std::sqrt(mean);  // for nodes that would coincide, and for what would be flat
   for (int c = 0; c < dim; ++c) {
@@ -332,14 +314,14 @@ class Drawing {
     const std::size_t n = order_.size();
     std::vector<std::size_t> blocks((n + kBlock - 1) / kBlock);
     std::iota(blocks.begin(), blocks.end(), 0);
-    random_.shuffle(std::span(blocks));
+    permute(std::span(blocks), random_);
     sequence_.clear();
     number_ = random_();
     for (const std::size_t block : blocks) {
       const std::size_t first = sequence_.size();
       for (std::size_t i = block * kBlock; i < std::min(n, (block + 1) * kBlock); ++i)
         sequence_.push_back(static_cast<int>(i));
-      random_.shuffle(std::span(sequence_).subspan(first));
+      permute(std::span(sequence_).subspan(first), random_);
     }
   }
 
@@ -460,7 +442,7 @@ class Drawing {
   }
 
   DrawingOptions options_;
-  Random random_;
+  detail::SplitMix64 random_;
   std::vector<int> order_;
   std::vector<Graph> graph_;  // one, renumbered
   std::vector<int> component_;
@@ -476,6 +458,28 @@ class Drawing {
   int iteration_ = 0;
   std::atomic<bool> is_bad_ = false;
 };
+
+}  // namespace
+
+namespace {
+
+const char* problem_of(int dim, std::size_t nodes, std::span<const double> x, const DrawingAnchors& anchors) {
+  const std::size_t numbers = nodes * at(std::max(dim, 0));
+  const auto [positions, weights] = anchors;
+  if (dim != 2 && dim != 3) return "dim must be 2 or 3";
+  if (x.size() != numbers) return "x must have dim coordinates for each node";
+  if (!std::all_of(x.begin(), x.end(), [](double value) { return std::isfinite(value); }))
+    return "x must be finite";
+  if (positions.empty() && weights.empty()) return nullptr;
+  if (positions.size() != numbers || weights.size() != nodes)
+    return "anchors must have dim coordinates and a weight for each node";
+  for (std::size_t c = 0; c < numbers; ++c) {
+    const double weight = weights[c / at(dim)];
+    if (!(weight >= 0)) return "the weights of anchors must be at least 0";
+    if (weight > 0 && !std::isfinite(positions[c])) return "anchors must be finite";
+  }
+  return nullptr;
+}
 
 }  // namespace
 
@@ -498,12 +502,8 @@ std::vector<double> pivot_start(const Graph& graph, int dim, const std::atomic<b
 Summary draw_graph(const Graph& graph, int dim, std::span<double> x, const DrawingAnchors& anchors,
                    const DrawingOptions& options, const DrawingRules& rules) {
   const detail::Stopwatch stopwatch;
-  const std::size_t nodes = at(graph.nodes()), numbers = nodes * at(std::max(dim, 0));
-  const bool has_anchors = !anchors.positions.empty() || !anchors.weights.empty();
-  if (dim != 2 && dim != 3) return detail::refused("sgd", "dim must be 2 or 3");
-  if (x.size() != numbers) return detail::refused("sgd", "x must have dim coordinates for each node");
-  if (has_anchors && (anchors.positions.size() != numbers || anchors.weights.size() != nodes))
-    return detail::refused("sgd", "anchors must have dim coordinates and a weight for each node");
+  if (const char* problem = problem_of(dim, at(graph.nodes()), x, anchors))
+    return detail::refused("sgd", problem);
   Summary summary;
   const auto work = [&] {
     // A round may have the pairs of all nodes with some sources; 200 bytes a node are for all else.

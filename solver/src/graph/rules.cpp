@@ -627,6 +627,7 @@ Summary apply_rules(int dim, std::span<double> x, const DrawingRules& rules, con
     RuledPoints points(dim, dim > 0 ? static_cast<int>(x.size() / at(dim)) : 0, rules);
     std::vector<double> moved(x.begin(), x.end());
     std::string error = points.error();
+    if (dim > 0 && x.size() % at(dim) != 0) error = "expected dim coordinates for each point";
     if (!std::all_of(moved.begin(), moved.end(), [](double value) { return std::isfinite(value); }))
       error = "expected finite coordinates";
     if (error.empty() && points.keeps(moved)) {

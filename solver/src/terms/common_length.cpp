@@ -17,8 +17,8 @@ constexpr std::size_t kLength = 0, kStiffness = 1, kPrior = 2, kPriorStiffness =
 std::vector<Column> columns_of() {
   return {{"length"},
           {"stiffness", 1, Column::Range::NotNegative},
-          {"prior"},
-          {"prior_stiffness", 1, Column::Range::NotNegative}};
+          {.name = "prior", .is_common = true},
+          {.name = "prior_stiffness", .range = Column::Range::NotNegative, .is_common = true}};
 }
 
 }  // namespace
@@ -30,12 +30,7 @@ std::string CommonLength::defect(int node_count) const {
   if (std::string problem = loss_defect(); !problem.empty()) return problem;
   if (loss() != Loss::Quadratic && loss() != Loss::Huber)
     return "common_length: the loss must be quadratic or huber, as the others leave several estimates";
-  if (size() == 0) return {};
-  for (const std::size_t c : {kPrior, kPriorStiffness}) {
-    if (columns()[c].values.cols() != 1)
-      return "common_length: " + std::string(columns()[c].name) + " must be the same for all elements";
-  }
-  if (!(*numbers(kPriorStiffness)[0] > 0)) {
+  if (size() > 0 && !(*numbers(kPriorStiffness)[0] > 0)) {
     const Numbers stiffness = numbers(kStiffness);
     for (int e = 0; e < size(); ++e) {
       if (*stiffness[e] > 0) return {};

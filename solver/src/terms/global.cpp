@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/split_mix.hpp>
 #include <asterism/solver/base/stopwatch.hpp>
 #include <asterism/solver/run/time_limit.hpp>
 #include <asterism/solver/terms/registry.hpp>
@@ -22,21 +23,6 @@ inline namespace ASTERISM_ABI {
 namespace detail {
 
 namespace {
-
-// Numbers in [-1, 1], the same on every machine (SplitMix64; Steele, Lea and Flood 2014).
-class Random {
- public:
-  explicit Random(std::uint64_t seed) : state_(seed) {}
-  double operator()() {
-    std::uint64_t z = state_ += 0x9e3779b97f4a7c15U;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9U;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebU;
-    return static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-52 - 1;
-  }
-
- private:
-  std::uint64_t state_;
-};
 
 bool is_quadratic(const System& system) {
   for (int t = 0; t < system.term_count(); ++t) {
@@ -149,15 +135,15 @@ Summary SystemMultiStart::solve(const System& system, Eigen::MatrixXd& x) const 
   if (options.hold_floating) {
     for (const int i : floating_nodes(system)) is_held[static_cast<std::size_t>(i)] = true;
   }
-  Random random(options.seed), first_random(~options.seed);
+  SplitMix64 random(options.seed), first_random(~options.seed);
   for (int start = 1; start < options.starts && !(options.gap > 0 && best.is_within(options.gap)); ++start) {
     // The anchors as they are first; without any, not the given x once more.
     const bool is_displaced = start > 1 || !has_anchors;
-    Random& displacement = start > 1 ? random : first_random;
+    SplitMix64& displacement = start > 1 ? random : first_random;
     Eigen::MatrixXd trial = given;
     for (int i = 0; i < system.nodes(); ++i) {
       if (start % 2 == 1 && is_finite(anchored(0, i))) trial.col(i) = anchored.col(i);
-      for (int d = 0; is_displaced && d < system.dim(); ++d) trial(d, i) += reach * displacement();
+      for (int d = 0; is_displaced && d < system.dim(); ++d) trial(d, i) += reach * displacement.symmetric();
       if (is_held[static_cast<std::size_t>(i)]) trial.col(i) = given.col(i);
     }
     Summary found = SystemAuto{options}.solve(system, trial);

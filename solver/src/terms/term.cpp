@@ -44,11 +44,13 @@ Matrix kept(const Matrix& values, std::span<const int> columns) {
   return result;
 }
 
+// The columns of `first` and then those of `second`.
 template <typename Matrix>
-void append_columns(Matrix& to, const Matrix& more) {
-  const Eigen::Index old = to.cols();
-  to.conservativeResize(more.rows(), old + more.cols());
-  to.rightCols(more.cols()) = more;
+Matrix beside(const Matrix& first, const Matrix& second) {
+  Matrix result(first.rows(), first.cols() + second.cols());
+  result.leftCols(first.cols()) = first;
+  result.rightCols(second.cols()) = second;
+  return result;
 }
 
 }  // namespace
@@ -157,37 +159,45 @@ void Term::look_for_all_pairs() {
 
 Term::Magnitude Term::magnitude(const Points& x) const { return {std::abs(energy(x, nullptr)), 0}; }
 
-void Term::append(const Eigen::MatrixXi& nodes, std::span<const Eigen::MatrixXd> values) {
-  const auto wrong = [this](const std::string& what) {
-    raise(std::invalid_argument(std::string(kind_) + ": " + what));
+void Term::append(const Eigen::MatrixXi& nodes, const std::vector<NamedNumbers>& given) {
+  const auto wrong_size = [](std::string_view name, const char* what) {
+    raise(std::length_error("append: " + std::string(name) + what));
   };
-  if (nodes.rows() != arity()) wrong("an element has " + std::to_string(arity()) + " nodes");
-  const auto is_none = [](const Column& c) { return c.values.size() == 0 && c.is_optional; };
-  // Where the last element was removed, its numbers are left, and may be given for the new ones.
-  const bool is_new =
-      size() == 0 &&
-      std::ssize(values) == std::ssize(columns_) - std::count_if(columns_.begin(), columns_.end(), is_none);
-  const auto is_shared = [&](const Column& c) {
-    return is_none(c) || (c.values.cols() == 1 && size() != 1 && !is_new);
+  const auto refuse = [](std::string_view name, const char* what) {
+    raise(std::invalid_argument("append: " + std::string(name) + what));
   };
-  std::size_t next = 0;
+  if (nodes.rows() != arity()) wrong_size("nodes", " of another number for each element");
+  for (const NamedNumbers& each : given) find(each.column);
+  const Eigen::Index count = nodes.cols();
+  std::vector<Eigen::MatrixXd> becomes;  // of each column
   for (const Column& column : columns_) {
-    if (is_shared(column)) continue;
-    if (next == values.size() ||
-        values[next].rows() != std::max<Eigen::Index>(column.rows, column.values.rows()) ||
-        values[next].cols() != nodes.cols())
-      wrong("new elements need " + std::to_string(column.rows) + " numbers of " + std::string(column.name) +
-            " each");
-    ++next;
+    const Eigen::MatrixXd& known = column.values;
+    const auto at = std::find_if(given.begin(), given.end(),
+                                 [&](const NamedNumbers& each) { return each.column == column.name; });
+    const bool is_none = known.size() == 0 && column.is_optional;
+    const bool is_same = is_none || column.is_common || (known.cols() == 1 && size() != 1);
+    if (at == given.end()) {
+      // Numbers of former elements hold for the first new ones, and those of one may have been meant for all.
+      if (known.size() == 0 && !column.is_optional) refuse(column.name, " is missing");
+      if (size() > 1 && !is_same) refuse(column.name, " is missing");
+      becomes.push_back(size() == 1 && !is_same ? beside<Eigen::MatrixXd>(known, known.replicate(1, count))
+                                                : known);
+      continue;
+    }
+    const Eigen::MatrixXd& more = at->values;
+    if (more.size() > 0 && more.cols() != count && more.cols() != 1)
+      wrong_size(column.name, " has not one entry for each new element, or one for all");
+    if (size() == 0) {
+      becomes.push_back(more);
+      continue;
+    }
+    if (is_same) refuse(column.name, " is the same for all elements, or none has it");
+    if (more.rows() != known.rows()) wrong_size(column.name, " has another form than before");
+    becomes.push_back(more.cols() == count ? beside(known, more)
+                                           : beside<Eigen::MatrixXd>(known, more.replicate(1, count)));
   }
-  if (next != values.size()) wrong("more columns of numbers than it has for each element");
-  next = 0;
-  for (Column& column : columns_) {
-    if (is_shared(column)) continue;
-    if (is_new) column.values.resize(column.values.rows(), 0);
-    append_columns(column.values, values[next++]);
-  }
-  append_columns(nodes_, nodes);
+  nodes_ = beside(nodes_, nodes);
+  for (std::size_t c = 0; c < columns_.size(); ++c) columns_[c].values.swap(becomes[c]);
   look_for_all_pairs();
 }
 
@@ -233,6 +243,7 @@ std::string Term::defect(int node_count) const {
       return says(name, " must have ", std::to_string(column.rows), " numbers for each element");
     if (values.cols() != size() && values.cols() != 1)
       return says(name, " must have one entry for each element, or one for all");
+    if (column.is_common && values.cols() != 1) return says(name, " must be the same for all elements");
     for (Eigen::Index e = 0; e < values.cols(); ++e) {
       for (Eigen::Index r = 0; r < values.rows(); ++r) {
         if (!is_allowed(values(r, e), column.range))

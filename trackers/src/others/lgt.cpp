@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <asterism/parts/models/color_histogram.hpp>
+#include <asterism/solver/base/split_mix.hpp>
 #include <asterism/trackers/others/lgt.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
@@ -53,24 +54,18 @@ constexpr float kMarginProbability = 0.7F;
 // Probabilities of a cue that differ by at most this fraction everywhere carry no information.
 constexpr float kSameProbability = 1e-3F;
 
-// Approximately normal numbers, the same with every compiler: sums of twelve uniform numbers from splitmix64
-// (Steele, Lea and Flood 2014).
+// Approximately normal numbers, the same with every compiler: sums of twelve uniform numbers.
 class Normal {
  public:
-  explicit Normal(int seed) : state_(static_cast<std::uint64_t>(seed) << 32) {}
+  explicit Normal(int seed) : random_(static_cast<std::uint64_t>(seed) << 32) {}
   double operator()() {
     double sum = -6;
-    for (int i = 0; i < 12; ++i) {
-      std::uint64_t z = state_ += 0x9e3779b97f4a7c15ULL;
-      z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-      z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-      sum += static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-53;
-    }
+    for (int i = 0; i < 12; ++i) sum += random_.uniform();
     return sum;
   }
 
  private:
-  std::uint64_t state_;
+  detail::SplitMix64 random_;
 };
 
 // Whether the probabilities of a cue differ anywhere in the image. Cells outside it have no evidence.

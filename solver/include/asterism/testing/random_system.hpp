@@ -5,6 +5,7 @@
 // round differently are rounded to fewer digits.
 
 #include <array>
+#include <asterism/solver/base/split_mix.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <bit>
 #include <cmath>
@@ -22,13 +23,8 @@ class Rng {
  public:
   /// Any seed will do.
   explicit Rng(std::uint64_t seed) {
-    for (auto& word : state_) {
-      seed += 0x9e3779b97f4a7c15ULL;
-      std::uint64_t z = seed;
-      z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-      z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-      word = z ^ (z >> 31);
-    }
+    detail::SplitMix64 words(seed);
+    for (auto& word : state_) word = words();
   }
 
   /// The next 64 bits.

@@ -18,6 +18,10 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
+namespace detail {
+class LayeredTree;
+}  // namespace detail
+
 /// The generalised distance transform of a map of costs f (Felzenszwalb and Huttenlocher, Theory of Computing
 /// 2012):
 ///   D(q) = min_p f(p) + cost(p - q),   q = (x, y) anywhere in a map of any size.
@@ -66,8 +70,7 @@ class DistanceTransform {
 
  private:
   friend class LoopyStructure;
-  friend class PictorialStructure;
-  friend class ScaledStructure;
+  friend class detail::LayeredTree;
 
   // For valid input: allocates what a run needs.
   void reserve(int width, int height, const DisplacementCost& cost, int result_width, int result_height) {

@@ -7,9 +7,9 @@
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/discrete/displacement_cost.hpp>
 #include <asterism/solver/discrete/distance_transform.hpp>
+#include <asterism/solver/discrete/joint.hpp>
 #include <asterism/solver/discrete/map_search.hpp>
 #include <asterism/solver/discrete/map_view.hpp>
-#include <asterism/solver/discrete/pictorial_structure.hpp>
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -94,28 +94,12 @@ class LoopyStructure {
   /// joint or the map, and `best` stays as it was.
   LoopySummary solve(std::span<const Joint> joints, std::span<const MapView<const float>> maps,
                      PartPlacement& best) {
-    LoopySummary summary;
-    if (const char* problem = options.problem()) {
-      summary.status = Status::InvalidInput;
-      summary.message = problem;
-      return summary;
-    }
-    if (const Defect defect = find_defect(joints, maps)) {
-      summary.status = Status::InvalidInput;
-      summary.message = defect;
-      return summary;
-    }
-    detail::attempt<std::bad_alloc>(
-        [&] {
-          plan(joints, maps);
-          iterate(summary, best);
-        },
-        [&](const std::bad_alloc& error) {
-          summary = LoopySummary();
-          summary.status = Status::OutOfMemory;
-          summary.message = detail::memory_message(error);
-        });
-    return summary;
+    if (const char* problem = options.problem()) return refused(problem);
+    if (const Defect defect = find_defect(joints, maps)) return refused(defect);
+    return detail::within_memory<LoopySummary>([&] {
+      plan(joints, maps);
+      return iterate(best);
+    });
   }
 
  private:
@@ -136,9 +120,12 @@ class LoopyStructure {
 
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
+  static LoopySummary refused(const Message& why) {
+    return detail::without_placement<LoopySummary>(Status::InvalidInput, why);
+  }
   static Defect find_defect(std::span<const Joint> joints, std::span<const MapView<const float>> maps);
   void plan(std::span<const Joint> joints, std::span<const MapView<const float>> maps);
-  void iterate(LoopySummary& summary, PartPlacement& best);
+  LoopySummary iterate(PartPlacement& best);
   double pass(bool forward);
   void read_placement();
   double energy_of(const Eigen::Matrix2Xi& positions) const;
@@ -148,10 +135,7 @@ class LoopyStructure {
   }
   // The map's costs, without gaps.
   void copy(const Part& part) {
-    float* to = sum_.data();
-    for (int y = 0; y < part.map.height; ++y) {
-      for (int x = 0; x < part.map.width; ++x) *to++ = part.map(x, y);
-    }
+    detail::copy_map(part.map, MapView<float>(sum_.data(), part.map.width, part.map.height));
   }
   void add_message(const End& end, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) sum_[i] += end.message[i];
@@ -160,7 +144,7 @@ class LoopyStructure {
   std::vector<Part> parts_;
   std::vector<float> sum_, outgoing_;
   std::vector<double> along_x_;
-  Eigen::Matrix2Xi positions_;
+  Eigen::Matrix2Xi positions_, best_positions_;
 };
 
 inline Defect LoopyStructure::find_defect(std::span<const Joint> joints,
@@ -345,8 +329,9 @@ inline double LoopyStructure::energy_of(const Eigen::Matrix2Xi& positions) const
   return energy;
 }
 
-inline void LoopyStructure::iterate(LoopySummary& summary, PartPlacement& best) {
+inline LoopySummary LoopyStructure::iterate(PartPlacement& best) {
   constexpr int kPatience = 10;
+  LoopySummary summary;
   double energy = std::numeric_limits<double>::infinity(), earlier_bound = summary.lower_bound;
   summary.status = Status::MaxIterations;
   while (summary.iterations < options.max_iterations) {
@@ -354,20 +339,20 @@ inline void LoopyStructure::iterate(LoopySummary& summary, PartPlacement& best) 
     const double forwards = pass(true), backwards = pass(false);
     if (detail::is_set(options.stop)) {
       summary.status = Status::Interrupted;
-      summary.message = detail::kStopped;
-      return;
+      summary.message = "stopped on request";
+      return summary;
     }
     summary.lower_bound = std::max({summary.lower_bound, forwards, backwards});
     if (!(summary.lower_bound < std::numeric_limits<double>::infinity())) {
       summary.status = Status::InvalidInput;
       summary.message = no_placement();
-      return;
+      return summary;
     }
     read_placement();
     const double of_placement = energy_of(positions_);
     if (of_placement < energy) {
       energy = of_placement;
-      best.positions = positions_;
+      best_positions_ = positions_;
     }
     if (energy - summary.lower_bound <= options.tolerance) {
       summary.status = Status::Converged;
@@ -382,10 +367,12 @@ inline void LoopyStructure::iterate(LoopySummary& summary, PartPlacement& best) 
   }
   summary.energy = energy;
   if (summary.usable()) {
+    best.positions = best_positions_;
     best.energy = energy;
   } else {
     summary.message = "no placement was found that the windows of the lengths allow";
   }
+  return summary;
 }
 
 }  // namespace ASTERISM_ABI

@@ -45,20 +45,13 @@ class MBestPlacements {
   PictorialSummary solve(std::span<const Joint> joints, std::span<const MapView<const float>> maps, int count,
                          double distance, std::vector<PartPlacement>& placements) {
     found_ = 0;
-    PictorialSummary summary;
-    if (count < 1 || !(distance >= 0)) {
-      summary.status = Status::InvalidInput;
-      summary.message =
-          count < 1 ? Defect{"count", -1, "is below 1"} : Defect{"distance", -1, "is negative or NaN"};
-      return summary;
-    }
-    detail::attempt<std::bad_alloc>([&] { summary = search(joints, maps, count, distance, placements); },
-                                    [&](const std::bad_alloc& error) {
-                                      found_ = 0;
-                                      summary = PictorialSummary();
-                                      summary.status = Status::OutOfMemory;
-                                      summary.message = detail::memory_message(error);
-                                    });
+    if (count < 1 || !(distance >= 0))
+      return detail::without_placement<PictorialSummary>(
+          Status::InvalidInput,
+          count < 1 ? Defect{"count", -1, "is below 1"} : Defect{"distance", -1, "is negative or NaN"});
+    const auto summary = detail::within_memory<PictorialSummary>(
+        [&] { return search(joints, maps, count, distance, placements); });
+    if (summary.status == Status::OutOfMemory) found_ = 0;
     return summary;
   }
 
@@ -92,11 +85,7 @@ class MBestPlacements {
     while (true) {
       const int piece = best_open_piece();
       if (piece < 0) return summary;
-      if (detail::is_set(stop)) {
-        summary.status = Status::Interrupted;
-        summary.message = detail::kStopped;
-        return summary;
-      }
+      if (detail::is_set(stop)) return detail::stopped<PictorialSummary>();
       const PartPlacement& best = pieces_[static_cast<std::size_t>(piece)].best;
       // The piece may reach into the discs of a placement that was found in another one.
       int from = 0;
@@ -140,9 +129,7 @@ class MBestPlacements {
         detail::require_memory(sizeof(float) * static_cast<double>(size));
         if (masked_[i].size() < size) masked_[i].resize(size);
         masked = {masked_[i].data(), map.width, map.height};
-        for (int y = 0; y < map.height; ++y) {
-          for (int x = 0; x < map.width; ++x) masked(x, y) = map(x, y);
-        }
+        detail::copy_map(map, masked);
         views_[i] = masked;
       }
       const Eigen::Vector2i at = placements[static_cast<std::size_t>(of->from)].positions.col(part);

@@ -42,6 +42,23 @@ struct MapView {
 
 namespace detail {
 
+/// assign(number, other) for the numbers of a map and those of another one of its size.
+template <typename Assign>
+void for_each_pixel(const MapView<const float>& from, const MapView<float>& to, Assign&& assign) {
+  for (int y = 0; y < from.height; ++y) {
+    for (int x = 0; x < from.width; ++x) assign(from(x, y), to(x, y));
+  }
+}
+
+/// Copies a map to one of its size without gaps between columns.
+inline void copy_map(const MapView<const float>& from, const MapView<float>& to) {
+  if (from.column_stride == 1) {
+    for (int y = 0; y < from.height; ++y) std::copy_n(from.row(y), from.width, to.row(y));
+  } else {
+    for_each_pixel(from, to, [](float number, float& copy) { copy = number; });
+  }
+}
+
 /// Whether no number is NaN or minus infinity, by their bits: see finite.hpp. `least` is then the least of
 /// the negative numbers, 0 if there are none.
 inline bool all_are_costs(const MapView<const float>& map, float& least) {

@@ -51,8 +51,8 @@ ASTERISM_API std::vector<double> pivot_start(const Graph& graph, int dim,
 /// The summary's final_energy is half the stress, estimated from such a sample of pairs, and initial_energy
 /// that of the x given, from the same ones. If it is not lower, x is as it was, with Status::NoProgress;
 /// Status::MaxIterations otherwise. Of Status::Interrupted both are -1. InvalidInput for a weight beyond the
-/// range of double, as that of a path of length 0, and for numbers of coordinates or weights that do not fit;
-/// OutOfMemory.
+/// range of double, as that of a path of length 0, for numbers of coordinates or weights that do not fit, and
+/// for coordinates that are not finite or weights below 0; OutOfMemory.
 ///
 /// With rules, x keeps to them exactly, even if its stress is then higher than that of the x given. After
 /// each iteration, one pass moves apart what breaks a rule, and in the end x is moved as by apply_rules.

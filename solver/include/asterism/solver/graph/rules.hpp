@@ -55,9 +55,9 @@ struct RuleOptions {
 /// rules are differences of coordinates, of which the sweeps of a scan line find enough (Dwyer, Marriott and
 /// Stuckey 2006), and x is moved to where they hold, about as little as possible.
 ///
-/// Status::Converged, or InvalidInput with a message, and x as it was: sizes that do not fit, rules that
-/// contradict each other, or no room found between points whose coordinates are given. `iterations` counts
-/// the passes.
+/// Status::Converged, or InvalidInput with a message, and x as it was: sizes or coordinates that do not fit,
+/// rules that contradict each other, or no room found between points whose coordinates are given.
+/// `iterations` counts the passes.
 ASTERISM_API Summary apply_rules(int dim, std::span<double> x, const DrawingRules& rules,
                                  const RuleOptions& options = {});
 

@@ -92,7 +92,14 @@ struct Column {
   bool is_optional = false;      ///< may be empty
   int other_rows = 0;            ///< also allowed, such as for a matrix instead of a factor
   Shape shape = Shape::Numbers;  ///< what they are
+  bool is_common = false;        ///< must be the same for all elements
   Eigen::MatrixXd values{};      ///< rows x elements; or rows x 1, the same for all of them; or empty
+};
+
+/// The numbers that are given for a column, by its name.
+struct NamedNumbers {
+  std::string_view column;  ///< a name of Column
+  Eigen::MatrixXd values;   ///< as Column::values
 };
 
 /// A property of a term as a whole, by name.
@@ -141,9 +148,12 @@ class ASTERISM_API Term {
   void set_loss(Loss loss, const Eigen::VectorXd& scale = {}, const Eigen::VectorXd& sharpness = {});
   void set_loss(Loss loss, double scale, double sharpness = 4);
 
-  /// Adds elements: their nodes, arity x count, and for every column that is not the same for all elements
-  /// `count` columns of numbers, in the order of columns(). Throws std::invalid_argument for wrong sizes.
-  void append(const Eigen::MatrixXi& nodes, std::span<const Eigen::MatrixXd> values);
+  /// Adds elements: their nodes, arity x count, and the numbers of each column that is not the same for all
+  /// elements, one for each new element or one for all of them. What a single element has may be left out,
+  /// and is then meant for the new ones, too. A term without elements takes any columns, and keeps the
+  /// numbers of those that are not given. Throws std::invalid_argument for a column that is missing, unknown
+  /// or the same for all elements, std::length_error for wrong sizes; the term is then as it was.
+  void append(const Eigen::MatrixXi& nodes, const std::vector<NamedNumbers>& given);
   /// Removes elements, by their numbers; the others keep their order.
   void remove(std::span<const int> elements);
   /// Replaces the nodes; the columns are to be changed to fit. Throws std::invalid_argument for another
