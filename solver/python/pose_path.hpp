@@ -88,7 +88,7 @@ inline void lasting_covariance(const Recording& of, const Weights& weights, int 
     });
     Groups::Lane failed;
     groups.kernel.add_lasting(group, deviation, failed.of);
-    for (int lane = 0; lane < groups.kernel.lanes; ++lane) Groups::check(failed.of[lane]);
+    groups.check(failed, 0);
     take_covariance(groups, of, first, covariance);
   });
 }

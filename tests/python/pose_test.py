@@ -200,9 +200,30 @@ class FuseTest(unittest.TestCase):
             some = np.concatenate([swapped, seen[:, 60:]], 1)
             np.testing.assert_array_equal(pose.exchange_back(some, [(0, 1)], times).swapped, pose.exchange_back(some, [(0, 1)]).swapped)
         found = pose.fuse(seen[:2])  # as if both saw one image
-        there = pose.fuse(seen[:2] * 1e-4)
-        np.testing.assert_array_equal(there.outliers, found.outliers)
-        np.testing.assert_allclose(there.points * 1e4, found.points, rtol=0, atol=1e-6)
+        for unit in (1e-9, 1e-4, 1e9):
+            there = pose.fuse(seen[:2] * unit)
+            np.testing.assert_array_equal(there.outliers, found.outliers)
+            np.testing.assert_allclose(there.points / unit, found.points, rtol=0, atol=1e-6)
+        deviation = np.ones(seen.shape[:3])
+        found = pose.fuse(seen[0], deviation=deviation[0])
+        there = pose.fuse(seen[0] * 1e9, deviation=1e9 * deviation[0])
+        np.testing.assert_allclose(there.covariance / 1e18, found.covariance, rtol=1e-5)
+
+    def test_the_origin_does_not_matter(self):
+        truth, seen, _, cameras = recording(7, frames=120)
+        found = pose.fuse(seen, None, cameras, [(0, 1)])
+        for origin in ([1e4, -1e4, 0], [5e5, 5.4e6, 100]):  # also that of maps
+            there = [pose.Camera(c.matrix, c.rotation, c.translation - c.rotation @ origin, c.distortions, c.size) for c in cameras]
+            moved = pose.fuse(seen, None, there, [(0, 1)])
+            np.testing.assert_array_equal(moved.outliers, found.outliers)
+            np.testing.assert_allclose(moved.points - origin, found.points, rtol=0, atol=1e-5)
+            np.testing.assert_allclose(moved.covariance, found.covariance, rtol=1e-2, atol=1e-9)
+            streams = pose.Stream(found, cameras), pose.Stream(moved, there)
+            away = []
+            for frame in seen.swapaxes(0, 1):
+                one, other = (stream.push(frame) for stream in streams)
+                away.append(np.abs(other.points - origin - one.points))
+            self.assertLess(np.mean(np.array(away) > 1e-5), 0.02)  # rounding decides what a few jumps are
 
     def test_masks_and_gaps_are_missing(self):
         truth, seen, _, cameras = recording(8, frames=100)
@@ -353,7 +374,7 @@ class FuseTest(unittest.TestCase):
                 camera = cameras[view]
                 area[view] = np.prod(camera.size)
                 image, slope = camera.undistort(seen[view])
-                at = points @ camera.rotation.T + camera.translation
+                at = (points + known.origin) @ camera.rotation.T + camera.translation
                 error[view] = np.einsum("tjab,tjb->tja", slope, at[..., :2] / at[..., 2:] - image)
                 flat = camera.rotation[:2] - (at[..., :2] / at[..., 2:])[..., None] * camera.rotation[2]
                 rows[view] = np.einsum("tjab,tjbd->tjad", slope, flat) / at[..., 2, None, None]
@@ -510,7 +531,7 @@ class StreamTest(unittest.TestCase):
                         three = slice(t * dim, (t + 3) * dim)
                         matrix[three, three] += stiffness[j] * np.kron(np.outer(c, c), np.eye(dim))
                 whole = np.linalg.solve(matrix, right).reshape(40, dim)
-                np.testing.assert_allclose(stream.points[:, j], whole[-6:], rtol=1e-6, atol=1e-7)
+                np.testing.assert_allclose(stream.points[:, j], whole[-6:] + stream._origin, rtol=1e-6, atol=1e-7)
                 if recorded.disagreement == 0:
                     # That of the curvatures in the window is larger than that of the weights.
                     ratios = np.linalg.eigvals(np.linalg.solve(np.linalg.inv(matrix)[-dim:, -dim:], newest.covariance[j])).real

@@ -37,7 +37,28 @@ class _Recording:
         self.times = (times - times[0]) / self.frame_time
         self.is_seen, self.belief, self.deviation = is_seen, belief, deviation
         self.dim = 3 if len(cameras) else 2
-        self.compiled = _asterism._PoseRecording(sights, is_seen, belief, self.times, cameras, area, deviation)
+
+        def about(origin: _Floats) -> _asterism._PoseRecording:
+            return _asterism._PoseRecording(sights, is_seen, belief, self.times, _moved(cameras, origin), area, deviation)
+
+        # That of the points, near which numbers are small, wherever the world has its own.
+        self.origin = np.zeros(2)
+        if self.dim == 3:
+            self.origin = _places(cameras).mean(0)
+            self.origin = self.origin + about(self.origin).centre()
+        self.compiled = about(self.origin)
+
+
+def _places(cameras: _Floats) -> _Floats:
+    """Of cameras (V, 12), in the world (V, 3)."""
+    return -np.einsum("vrc,vr->vc", cameras[:, :9].reshape(-1, 3, 3), cameras[:, 9:])
+
+
+def _moved(cameras: _Floats, origin: _Floats) -> _Floats:
+    """Cameras (V, 12) in a world whose origin is there."""
+    if not len(cameras):
+        return cameras
+    return np.concatenate([cameras[:, :9], cameras[:, 9:] + cameras[:, :9].reshape(-1, 3, 3) @ origin], 1)
 
 
 @dataclasses.dataclass
