@@ -204,6 +204,11 @@ class FuseTest(unittest.TestCase):
             there = pose.fuse(seen[:2] * unit)
             np.testing.assert_array_equal(there.outliers, found.outliers)
             np.testing.assert_allclose(there.points / unit, found.points, rtol=0, atol=1e-6)
+        networks = np.array([seen, seen + 1 + np.random.default_rng(7).normal(0, 1, seen.shape)])
+        some = np.concatenate([seen[:, :60, [1, 0, 2, 3]], seen[:, 60:]], 1)
+        for unit in (1e-9, 1e9):
+            np.testing.assert_allclose(pose.network_deviation(networks * unit) / unit, pose.network_deviation(networks), rtol=1e-6)
+            np.testing.assert_array_equal(pose.exchange_back(some * unit, [(0, 1)]).swapped, pose.exchange_back(some, [(0, 1)]).swapped)
         deviation = np.ones(seen.shape[:3])
         found = pose.fuse(seen[0], deviation=deviation[0])
         there = pose.fuse(seen[0] * 1e9, deviation=1e9 * deviation[0])
