@@ -1,7 +1,7 @@
 // One position from ranges: asterism::locate on random fixes. Its time, alone and in a batch; a grid search
 // as the judge of what it proves; and errors where some ranges are too long.
 //
-// asterism-fix-bench [FIXES [JUDGED]]     of each row of the tables, 20000 and 1000 by default
+// asterism-fix-bench [FIXES [JUDGED [SEED]]]     of each row of the tables, 20000 and 1000 by default
 
 #include <time.h>
 
@@ -39,11 +39,11 @@ struct Tags {
 
   /// `is_flat`: the beacons of a tag are on one line (in space: in one plane). `longer`: the share of ranges
   /// that are too long by up to 10 m.
-  Tags(int count, int beacon_count, double deviation, bool is_flat, double longer)
+  Tags(int count, int beacon_count, double deviation, bool is_flat, double longer, unsigned seed)
       : beacons_per_tag(beacon_count),
         sigma(deviation),
         sigmas(static_cast<std::size_t>(beacon_count), deviation) {
-    std::mt19937_64 generator(1);
+    std::mt19937_64 generator(seed);
     std::normal_distribution<double> normal;
     std::uniform_real_distribution<double> in_room(0, 10), share(0, 1);
     for (int tag = 0; tag < count; ++tag) {
@@ -255,8 +255,8 @@ void judge(const Tags<Dim>& tags, int judged, Verdict& verdict) {
 }
 
 template <int Dim>
-void least_squares(int beacons, bool is_flat, int fixes, int judged) {
-  const Tags<Dim> tags(fixes, beacons, 0.1, is_flat, 0);
+void least_squares(int beacons, bool is_flat, int fixes, int judged, unsigned seed) {
+  const Tags<Dim> tags(fixes, beacons, 0.1, is_flat, 0, seed);
   int proven = 0, closed = 0;
   const double start = cpu_seconds();
   for (int tag = 0; tag < fixes; ++tag) {
@@ -297,8 +297,8 @@ double median(std::vector<double> of) {
 }
 
 template <int Dim>
-void with_outliers(int beacons, double within, int fixes) {
-  const Tags<Dim> tags(fixes, beacons, 0.1, false, 0.3);
+void with_outliers(int beacons, double within, int fixes, unsigned seed) {
+  const Tags<Dim> tags(fixes, beacons, 0.1, false, 0.3, seed);
   asterism::LocateOptions options;
   options.cutoff = 3;
   options.within = within;
@@ -334,9 +334,11 @@ void with_outliers(int beacons, double within, int fixes) {
 
 int main(int argc, char** argv) {
   const int fixes = argc > 1 ? std::atoi(argv[1]) : 20'000, judged = argc > 2 ? std::atoi(argv[2]) : 1000;
-  if (argc > 3 || fixes < 1 || judged < 0) {
-    std::fprintf(stderr,
-                 "asterism-fix-bench [FIXES [JUDGED]]: numbers of fixes in each row, at least 1 and 0\n");
+  const unsigned seed = argc > 3 ? static_cast<unsigned>(std::atoi(argv[3])) : 1;
+  if (argc > 4 || fixes < 1 || judged < 0) {
+    std::fprintf(
+        stderr,
+        "asterism-fix-bench [FIXES [JUDGED [SEED]]]: numbers of fixes in each row, at least 1 and 0\n");
     return 2;
   }
   std::printf(
@@ -344,15 +346,15 @@ int main(int argc, char** argv) {
       "missing | not the same alone "
       "|\n|---|---|---|---|---|---|---|---|---|---|\n");
   for (const bool is_flat : {false, true})
-    for (const int beacons : {3, 4, 5, 6, 8, 12}) least_squares<2>(beacons, is_flat, fixes, judged);
-  for (const int beacons : {4, 5, 6, 8, 12}) least_squares<3>(beacons, false, fixes, judged);
-  for (const int beacons : {3, 4, 5, 6, 8, 12}) least_squares<3>(beacons, true, fixes, judged);
+    for (const int beacons : {3, 4, 5, 6, 8, 12}) least_squares<2>(beacons, is_flat, fixes, judged, seed);
+  for (const int beacons : {4, 5, 6, 8, 12}) least_squares<3>(beacons, false, fixes, judged, seed);
+  for (const int beacons : {3, 4, 5, 6, 8, 12}) least_squares<3>(beacons, true, fixes, judged, seed);
   std::printf(
       "\n| dimensions | beacons | within | CPU [us] | slowest [ms] | proven | scored | median error [m] | of "
       "the "
       "right inliers [m] |\n|---|---|---|---|---|---|---|---|---|\n");
   for (const double within : {0.0, 5.0}) {
-    for (const int beacons : {8, 10, 12}) with_outliers<2>(beacons, within, std::max(1, fixes / 10));
-    for (const int beacons : {8, 10, 12}) with_outliers<3>(beacons, within, std::max(1, fixes / 20));
+    for (const int beacons : {8, 10, 12}) with_outliers<2>(beacons, within, std::max(1, fixes / 10), seed);
+    for (const int beacons : {8, 10, 12}) with_outliers<3>(beacons, within, std::max(1, fixes / 20), seed);
   }
 }

@@ -106,14 +106,14 @@ class PoseRecording {
         array_of(found->points, {frames, joints, of_.dim}),
         array_of(found->covariance, {frames, joints, pose::entries_of(of_.dim)}),
         array_of(found->probability, {views, frames, joints}),
-        array_of(found->weight, {views, frames, joints}),
+        array_of(found->weight, {views, frames, joints}), array_of(found->curvature, {views, frames, joints}),
         array_of(found->stiffness, {std::max<Index>(frames - 2, 0), joints}));
   }
 
-  py::tuple path(const Floats& points, const Floats& weight, const Floats& stiffness, const Floats& offset,
-                 const Floats& centre, double extent, int threads) const {
+  py::tuple path(const Floats& points, const Floats& weight, const Floats& curvature, const Floats& stiffness,
+                 const Floats& offset, const Floats& centre, double extent, int threads) const {
     Floats found = checked_points(points), covariance(entries_shape());
-    const pose::Weights weights = checked(weight, stiffness, offset, centre, extent);
+    const pose::Weights weights = checked(weight, curvature, stiffness, offset, centre, extent);
     double *to = found.mutable_data(), *to_covariance = covariance.mutable_data();
     {
       const py::gil_scoped_release release;
@@ -127,7 +127,7 @@ class PoseRecording {
     const Floats at = checked_points(points);
     const Floats offset = zeros({of_.views, of_.joints, 2}), centre = zeros({of_.dim});
     Floats covariance = zeros(entries_shape());
-    const pose::Weights weights = checked(weight, stiffness, offset, centre, extent);
+    const pose::Weights weights = checked(weight, weight, stiffness, offset, centre, extent);
     if (!deviation_) return covariance;
     double* to = covariance.mutable_data();
     {
@@ -164,13 +164,14 @@ class PoseRecording {
     return result;
   }
 
-  pose::Weights checked(const Floats& weight, const Floats& stiffness, const Floats& offset,
-                        const Floats& centre, double extent) const {
+  pose::Weights checked(const Floats& weight, const Floats& curvature, const Floats& stiffness,
+                        const Floats& offset, const Floats& centre, double extent) const {
+    expect_shape(curvature, {of_.views, of_.frames, of_.joints});
     expect_shape(weight, {of_.views, of_.frames, of_.joints});
     expect_shape(stiffness, {std::max<Index>(of_.frames - 2, 0), of_.joints});
     expect_shape(offset, {of_.views, of_.joints, 2});
     expect_shape(centre, {of_.dim});
-    return {weight.data(), stiffness.data(), offset.data(), centre.data(), extent};
+    return {weight.data(), curvature.data(), stiffness.data(), offset.data(), centre.data(), extent};
   }
 
   Floats sights_;
@@ -309,8 +310,8 @@ void bind_pose(py::module_& m) {
       .def("centre", &PoseRecording::centre, "A point in the middle of what is seen.")
       .def("estimate", &PoseRecording::estimate, py::arg("begin"), py::arg("end"), py::arg("settled"),
            py::arg("steps"), "The estimate of the frames begin .. end - 1; None if no joint is seen in them.")
-      .def("path", &PoseRecording::path, py::arg("points"), py::arg("weight"), py::arg("stiffness"),
-           py::arg("offset"), py::arg("centre"), py::arg("extent"), py::arg("threads"),
+      .def("path", &PoseRecording::path, py::arg("points"), py::arg("weight"), py::arg("curvature"),
+           py::arg("stiffness"), py::arg("offset"), py::arg("centre"), py::arg("extent"), py::arg("threads"),
            "The path of all frames and its covariance, given the weights.")
       .def("lasting", &PoseRecording::lasting, py::arg("points"), py::arg("weight"), py::arg("stiffness"),
            py::arg("extent"), py::arg("threads"),

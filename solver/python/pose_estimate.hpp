@@ -28,6 +28,7 @@ struct Estimate {
   Numbers covariance;   ///< (frames, joints, E)
   Numbers probability;  ///< (views, frames, joints): that a detection is no outlier
   Numbers weight;       ///< (views, frames, joints)
+  Numbers curvature;    ///< (views, frames, joints): instead of the weight, for the covariance
   Numbers stiffness;    ///< (frames - 2, joints): the weight of each change of velocity
 };
 
@@ -344,6 +345,7 @@ class Estimator {
       --steps;
       if (moved < settled * settled && deviations_changed() < settled * settled) break;
     }
+    groups_.observe();
     return result();
   }
 
@@ -497,12 +499,13 @@ class Estimator {
 
   Estimate result() {
     const Index views = part_.of.views, frames = part_.frames, count = part_.count(), dim = part_.of.dim;
-    Estimate found{part_.joints, scales_, {}, {}, {}, {}, {}};
+    Estimate found{part_.joints, scales_, {}, {}, {}, {}, {}, {}};
     const auto size = [](Index n) { return static_cast<std::size_t>(n); };
     found.points.resize(size(frames * count * dim));
     found.covariance.resize(size(frames * count * entries_of(part_.of.dim)));
     found.probability.resize(size(views * frames * count));
     found.weight.resize(found.probability.size());
+    found.curvature.resize(found.probability.size());
     found.stiffness.resize(size(std::max<Index>(frames - 2, 0) * count));
     groups_.for_each_joint([&](JointGroup& g, Index lane, Index k) {
       const auto rows = [&](Numbers& to, double* from, Index length, Index numbers) {
@@ -519,6 +522,7 @@ class Estimator {
           const std::size_t to = size((v * frames + t) * count + k);
           found.probability[to] = groups_.at(g.probability, t * views + v, lane);
           found.weight[to] = groups_.at(g.weight, t * views + v, lane);
+          found.curvature[to] = groups_.at(g.curvature, t * views + v, lane);
         }
       }
     });

@@ -9,6 +9,7 @@
 #include <memory>
 #include <new>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "pose_kernel.hpp"
@@ -135,7 +136,8 @@ class Groups {
       g.least_depth = least_depth_.data();
       g.rarity = rarity_.data();
       g.sights = array(frames * views * 6);
-      for (double** of : {&g.prior, &g.weight, &g.trust, &g.probability}) *of = array(frames * views);
+      for (double** of : {&g.prior, &g.weight, &g.curvature, &g.trust, &g.probability})
+        *of = array(frames * views);
       g.variance = array(views);
       g.offset = array(views * 2);
       g.points = array(frames * dim);
@@ -186,13 +188,29 @@ class Groups {
     Lane moved, failed;
     for (Index first = 0; pose_kernels::JointGroup & g : all) {
       kernel.posterior(g, along_ray, moved.of, failed.of);
-      for (int lane = 0; lane < kernel.lanes && first + lane < joints_; ++lane) {
-        check(failed.of[lane]);
-        sum += moved.of[lane];
-      }
+      check(failed, first);
+      for (int lane = 0; lane < kernel.lanes && first + lane < joints_; ++lane) sum += moved.of[lane];
       first += kernel.lanes;
     }
     return sum / static_cast<double>(all.front().frames * joints_);
+  }
+
+  /// The covariance by the observed information, that of the curvatures. With the weights, how far off each
+  /// detection is counts as known, which makes the regions too small (Louis 1982). All else stays.
+  void observe() {
+    for (Index first = 0; pose_kernels::JointGroup & g : all) {
+      Numbers kept[3];
+      double* const arrays[] = {g.points, g.information, g.right};
+      const Index numbers[] = {dim_, entries_of(dim_), dim_};
+      for (int k = 0; k < 3; ++k) kept[k].assign(arrays[k], arrays[k] + g.frames * numbers[k] * kernel.lanes);
+      Lane moved, failed;
+      std::swap(g.weight, g.curvature);
+      kernel.posterior(g, false, moved.of, failed.of);
+      std::swap(g.weight, g.curvature);
+      for (int k = 0; k < 3; ++k) std::copy(kept[k].begin(), kept[k].end(), arrays[k]);
+      check(failed, first);
+      first += kernel.lanes;
+    }
   }
 
   /// The detections of a recording: that of a view, frame and joint is number at(view, frame, joint) of it.
@@ -227,11 +245,14 @@ class Groups {
   struct alignas(64) Lane {
     double of[8];
   };
-  static void check(double failed) {
-    if (failed != 0)
-      throw std::invalid_argument(
-          "detections: numbers that are too large or too small for their joint's path, or times that are too "
-          "close");
+  /// Whether the lanes of joint number `first` and the next ones have failed. Those without a joint may.
+  void check(const Lane& failed, Index first) const {
+    for (int lane = 0; lane < kernel.lanes && first + lane < joints_; ++lane) {
+      if (failed.of[lane] != 0)
+        throw std::invalid_argument(
+            "detections: numbers that are too large or too small for their joint's path, or times that are "
+            "too close");
+    }
   }
 
  private:

@@ -23,7 +23,9 @@ struct JointGroup {
   double* doubt;   ///< (frames, views): its variance as a multiple of `variance`; or null
   double* width;   ///< (frames, views): added to the variance; or null
   double* weight;  ///< (frames, views)
-  double* trust;   ///< (frames, views): its probability times its weight in Student's t distribution
+  double* curvature;  ///< (frames, views): of the logarithm of Student's t distribution, in the mean over all
+                      ///< directions
+  double* trust;      ///< (frames, views): its probability times its weight in Student's t distribution
   double* probability;  ///< (frames, views): that it is no outlier
   double* variance;     ///< (views)
   double* offset;       ///< (views, 2)
@@ -63,7 +65,7 @@ struct Kernels {
   void (*expect)(const JointGroup&, bool is_exact, const DetectionSums* sums);
   /// calm of the first `count` changes; to moved (a lane each): the sum of calm times the changes' squares.
   void (*settle)(const JointGroup&, std::ptrdiff_t count, double* moved);
-  /// The weights, from trust and variance.
+  /// The weights and curvatures, from trust and variance.
   void (*reweigh)(const JointGroup&);
   /// information and right from the weights. along_ray: the error does not change along the ray of what was
   /// seen, so that a start may be far off.

@@ -164,7 +164,10 @@ struct Kernel {
         Lanes variance = lanes(g.variance)[v];
         if (g.doubt != nullptr) variance *= lanes(g.doubt)[i];
         if (g.width != nullptr) variance += lanes(g.width)[i];
-        lanes(g.weight)[i] = lanes(g.trust)[i] / variance;
+        const Lanes trust = lanes(g.trust)[i];
+        lanes(g.weight)[i] = trust / variance;
+        const Lanes most = (1 + 2 / kDetection) * lanes(g.probability)[i];  // trust where there is no error
+        lanes(g.curvature)[i] = trust * trust / ((most + 1e-300) * variance);
       }
     }
   }

@@ -10,6 +10,7 @@ namespace asterism::python::pose {
 /// Weights of detections and changes, on arrays of others.
 struct Weights {
   const double* detections;  ///< (views, frames, joints)
+  const double* curvatures;  ///< (views, frames, joints)
   const double* changes;     ///< (frames - 2, joints)
   const double* offset;      ///< (views, joints, 2)
   const double* centre;      ///< (D)
@@ -33,8 +34,10 @@ void for_each_group(const Recording& of, const Weights& weights, const double* p
       for (Index t = 0; t < of.frames; ++t) {
         for (Index c = 0; c < of.dim; ++c)
           groups.at(g.points, t * of.dim + c, lane) = points[(t * of.joints + first + j) * of.dim + c];
-        for (Index v = 0; v < of.views; ++v)
+        for (Index v = 0; v < of.views; ++v) {
           groups.at(g.weight, t * of.views + v, lane) = weights.detections[of.at(v, t, first + j)];
+          groups.at(g.curvature, t * of.views + v, lane) = weights.curvatures[of.at(v, t, first + j)];
+        }
         if (t + 2 < of.frames) groups.at(g.calm, t, lane) = weights.changes[t * of.joints + first + j];
       }
       for (Index i = 0; i < of.views * 2; ++i)
@@ -61,6 +64,7 @@ inline void solve_path(const Recording& of, const Weights& weights, int threads,
                        double* covariance) {
   for_each_group(of, weights, points, threads, [&](Groups& groups, Index first) {
     groups.solve(false);
+    groups.observe();
     take_covariance(groups, of, first, covariance);
     groups.for_each_joint([&](pose_kernels::JointGroup& g, Index lane, Index j) {
       for (Index t = 0; t < of.frames; ++t) {
@@ -84,7 +88,7 @@ inline void lasting_covariance(const Recording& of, const Weights& weights, int 
     });
     Groups::Lane failed;
     groups.kernel.add_lasting(group, deviation, failed.of);
-    for (int lane = 0; lane < groups.kernel.lanes; ++lane) Groups::check(failed.of[lane]);
+    groups.check(failed, 0);
     take_covariance(groups, of, first, covariance);
   });
 }

@@ -63,6 +63,7 @@ class Window {
     settle();
     const std::vector<bool> is_lost = count_lost();
     if (std::find(is_lost.begin(), is_lost.end(), true) != is_lost.end()) begin_again(is_lost);
+    groups_.observe();
     return newest();
   }
 

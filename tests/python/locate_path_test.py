@@ -105,6 +105,34 @@ class LocatePathTest(unittest.TestCase):
             self.assertGreater(inside.mean(), 0.8)
             self.assertGreater(found.outliers.sum(), 0.8 * 0.1 * len(ranges))
 
+    def test_unit_and_origin_do_not_matter(self):
+        truth, steps, pose, beacon, ranges = drive(21, 60, outliers=0.05)
+        beacons = BEACONS.copy()
+        beacons[3] = NAN
+        expected = asterism.locate_path(steps, beacons, pose, beacon, ranges, 0.2, cutoff=3)
+        start = np.array([12, 10, 0.7])
+
+        def streamed(unit, origin):
+            stream = asterism.PathStream(shortest=0.3 * unit, start=list(start * [unit, unit, 1] + [*origin, 0]), start_sigma=[0.5 * unit, 0.1], window=20)
+            for n in range(61):
+                for k in np.flatnonzero((pose == n) & (beacon < 3)):
+                    stream.range(list(beacons[beacon[k]] * unit + origin), ranges[k] * unit, 0.2 * unit)
+                if n < 60:
+                    stream.move(*(steps[n] * [unit, unit, 1]))
+            stream.settle()
+            return stream.positions
+
+        online = streamed(1, [0, 0])
+        for unit, origin in ((1e-9, [0, 0]), (1e9, [0, 0]), (1, [5e5, 5.4e6]), (1, [1e7, -1e7])):
+            with self.subTest(unit=unit, origin=origin):
+                found = asterism.locate_path(steps * [unit, unit, 1], beacons * unit + origin, pose, beacon, ranges * unit, 0.2 * unit, cutoff=3)
+                np.testing.assert_allclose((found.x - origin) / unit, expected.x, rtol=0, atol=1e-6)
+                np.testing.assert_allclose((found.beacons - origin) / unit, expected.beacons, rtol=0, atol=1e-6)
+                np.testing.assert_allclose(found.covariance / unit**2, expected.covariance, rtol=1e-5)
+                self.assertAlmostEqual(found.energy, expected.energy, places=5)
+                self.assertAlmostEqual(found.turn_sigma, expected.turn_sigma, places=8)
+                np.testing.assert_allclose((streamed(unit, origin) - origin) / unit, online, rtol=0, atol=1e-6)
+
     def test_unknown_beacons(self):
         truth, steps, pose, beacon, ranges = drive(5, 400, outliers=0.05)
         for known in ([], [1], [0, 2]):

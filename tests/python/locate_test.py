@@ -100,6 +100,32 @@ class LocateTest(unittest.TestCase):
         empty = asterism.locate(beacons, np.empty((0, 6)), 0.1)
         self.assertEqual((empty.x.shape, empty.minima), ((0, 3), []))
 
+    def test_unit_origin_and_order_do_not_matter(self):
+        # 60 tags with beacons of their own: about half are proven in closed form, others are searched; also beacons in one plane.
+        rng = np.random.default_rng(3)
+        beacons = rng.uniform(0, 10, (60, 4, 3))
+        beacons[:20, :, 2] = 2.5
+        ranges = np.abs(np.linalg.norm(rng.uniform(0, 10, (60, 1, 3)) - beacons, axis=2) + 0.1 * rng.normal(size=(60, 4)))
+        ranges[::7, 1] = 0
+        order = [2, 0, 3, 1]
+        expected = asterism.locate(beacons, ranges, 0.1)
+        self.assertTrue(expected.proven.all())
+        # Between 2 mirror images, rounding decides which is the first.
+        tags = np.array([len(minima) == 1 for minima in expected.minima])
+        self.assertGreater(tags.sum(), 25)
+        for unit, origin, which in ((1e-9, [0, 0, 0], order), (1e9, [0, 0, 0], order), (1, [5e5, 5.4e6, 100], order), (1, [1e7, -1e7, 1e7], slice(None))):
+            with self.subTest(unit=unit, origin=origin):
+                moved = asterism.locate((beacons * unit + origin)[:, which], ranges[:, which] * unit, 0.1 * unit)
+                self.assertTrue(moved.proven.all())
+                self.assertEqual([len(m) for m in moved.minima], [len(m) for m in expected.minima])
+                np.testing.assert_allclose(moved.energy, expected.energy, rtol=0, atol=1e-5)
+                np.testing.assert_allclose((moved.x - origin)[tags] / unit, expected.x[tags], rtol=0, atol=1e-5)
+                np.testing.assert_allclose(moved.covariance[tags] / unit**2, expected.covariance[tags], rtol=1e-4, atol=1e-7)
+                for tag in range(0, 60, 5):
+                    one = asterism.locate((beacons[tag] * unit + origin)[which], ranges[tag, which] * unit, 0.1 * unit)
+                    self.assertEqual(len(one.minima), len(expected.minima[tag]))
+                    self.assertAlmostEqual(one.energy, expected.energy[tag], places=5)
+
     def test_a_range_that_was_not_heard(self):
         for missing in ([3, 4, NAN, 5], np.ma.masked_equal([3.0, 4, -1, 5], -1)):
             fix = asterism.locate(SQUARE, missing, [0.1, 0.1, NAN, 0.1])

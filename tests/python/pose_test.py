@@ -200,9 +200,35 @@ class FuseTest(unittest.TestCase):
             some = np.concatenate([swapped, seen[:, 60:]], 1)
             np.testing.assert_array_equal(pose.exchange_back(some, [(0, 1)], times).swapped, pose.exchange_back(some, [(0, 1)]).swapped)
         found = pose.fuse(seen[:2])  # as if both saw one image
-        there = pose.fuse(seen[:2] * 1e-4)
-        np.testing.assert_array_equal(there.outliers, found.outliers)
-        np.testing.assert_allclose(there.points * 1e4, found.points, rtol=0, atol=1e-6)
+        for unit in (1e-9, 1e-4, 1e9):
+            there = pose.fuse(seen[:2] * unit)
+            np.testing.assert_array_equal(there.outliers, found.outliers)
+            np.testing.assert_allclose(there.points / unit, found.points, rtol=0, atol=1e-6)
+        networks = np.array([seen, seen + 1 + np.random.default_rng(7).normal(0, 1, seen.shape)])
+        some = np.concatenate([seen[:, :60, [1, 0, 2, 3]], seen[:, 60:]], 1)
+        for unit in (1e-9, 1e9):
+            np.testing.assert_allclose(pose.network_deviation(networks * unit) / unit, pose.network_deviation(networks), rtol=1e-6)
+            np.testing.assert_array_equal(pose.exchange_back(some * unit, [(0, 1)]).swapped, pose.exchange_back(some, [(0, 1)]).swapped)
+        deviation = np.ones(seen.shape[:3])
+        found = pose.fuse(seen[0], deviation=deviation[0])
+        there = pose.fuse(seen[0] * 1e9, deviation=1e9 * deviation[0])
+        np.testing.assert_allclose(there.covariance / 1e18, found.covariance, rtol=1e-5)
+
+    def test_the_origin_does_not_matter(self):
+        truth, seen, _, cameras = recording(7, frames=120)
+        found = pose.fuse(seen, None, cameras, [(0, 1)])
+        for origin in ([1e4, -1e4, 0], [5e5, 5.4e6, 100]):  # also that of maps
+            there = [pose.Camera(c.matrix, c.rotation, c.translation - c.rotation @ origin, c.distortions, c.size) for c in cameras]
+            moved = pose.fuse(seen, None, there, [(0, 1)])
+            np.testing.assert_array_equal(moved.outliers, found.outliers)
+            np.testing.assert_allclose(moved.points - origin, found.points, rtol=0, atol=1e-5)
+            np.testing.assert_allclose(moved.covariance, found.covariance, rtol=1e-2, atol=1e-9)
+            streams = pose.Stream(found, cameras), pose.Stream(moved, there)
+            away = []
+            for frame in seen.swapaxes(0, 1):
+                one, other = (stream.push(frame) for stream in streams)
+                away.append(np.abs(other.points - origin - one.points))
+            self.assertLess(np.mean(np.array(away) > 1e-5), 0.02)  # rounding decides what a few jumps are
 
     def test_masks_and_gaps_are_missing(self):
         truth, seen, _, cameras = recording(8, frames=100)
@@ -240,6 +266,24 @@ class FuseTest(unittest.TestCase):
             found = pose.fuse(seen)
             self.assertFalse(found.outliers.any())
             np.testing.assert_allclose(found.points, seen[0], rtol=0, atol=0.1)
+
+    def test_regions_hold_what_they_say(self):
+        # Known noise, normal or with Student's t distribution, around velocities that are random walks.
+        for degrees in (np.inf, 4):
+            inside = {1: [], 2: []}
+            for seed in range(12):
+                rng = np.random.default_rng(seed)
+                truth = np.cumsum(np.cumsum(rng.normal(0, 0.3, (100, 6, 2)), 0), 0)
+                for views in inside:
+                    noise = rng.normal(0, 1, (views, *truth.shape))
+                    if degrees < np.inf:
+                        noise /= np.sqrt(rng.chisquare(degrees, (*noise.shape[:3], 1)) / degrees)
+                    found = pose.fuse(truth + noise)
+                    inside[views].append((distances(found.points - truth, found.covariance) < 5.991).mean())
+            for views, shares in inside.items():
+                with self.subTest(degrees=degrees, views=views):
+                    self.assertGreater(np.mean(shares), 0.90)
+                    self.assertLess(np.mean(shares), 0.98)
 
     def test_regions_hold_in_frames_that_a_view_misses(self):
         # Each view is off by some pixels in all frames: 100 recordings of one joint that hardly moves, as one recording of 100 joints.
@@ -325,7 +369,7 @@ class FuseTest(unittest.TestCase):
                 truth, cameras = 100 * truth[..., :2], None
                 seen = truth + rng.normal(0, 1, (3, *truth.shape)) + np.where(rng.random((3, *truth.shape[:2], 1)) < 0.1, 50, 0)
             known = pose_fuse._checked(seen, None, cameras, None, np.arange(60) ** 1.1, None)[0]
-            _, (noise, motion, offset, _, extent), points, covariance, probability, weight, stiffness = known.compiled.estimate(0, 60, 0.0, 2000)
+            _, (noise, motion, offset, _, extent), points, observed, probability, weight, curvature, stiffness = known.compiled.estimate(0, 60, 0.0, 2000)
             error, rows = np.empty((*probability.shape, 2)), np.empty((*probability.shape, 2, dim))
             area = np.full(3, np.prod(np.ptp(seen.reshape(-1, 2), axis=0)))
             for view in range(3):
@@ -335,7 +379,7 @@ class FuseTest(unittest.TestCase):
                 camera = cameras[view]
                 area[view] = np.prod(camera.size)
                 image, slope = camera.undistort(seen[view])
-                at = points @ camera.rotation.T + camera.translation
+                at = (points + known.origin) @ camera.rotation.T + camera.translation
                 error[view] = np.einsum("tjab,tjb->tja", slope, at[..., :2] / at[..., 2:] - image)
                 flat = camera.rotation[:2] - (at[..., :2] / at[..., 2:])[..., None] * camera.rotation[2]
                 rows[view] = np.einsum("tjab,tjbd->tjad", slope, flat) / at[..., 2, None, None]
@@ -348,6 +392,21 @@ class FuseTest(unittest.TestCase):
                 mean = np.einsum("vt,vtk->vk", share[..., joint], error[:, :, joint]).ravel()
                 np.testing.assert_allclose(offset[:, joint].ravel(), slope @ np.linalg.pinv(slope) @ mean - mean, atol=1e-6)
             error += offset[:, None]
+            # The chains of these weights, and of the curvatures.
+            step = np.diff(known.times)
+            c = np.stack([1 / step[:-1], -1 / step[:-1] - 1 / step[1:], 1 / step[1:]], 1) / np.sqrt((step[:-1] + step[1:]) / 2)[:, None]
+            row, column = np.triu_indices(dim)
+            weak = (100 * extent) ** -2
+
+            def chain(weight):
+                information = np.einsum("vtj,vtjad,vtjae->tjde", weight, rows, rows) + weak * np.eye(dim)
+                goal = np.einsum("vtjad,tjd->vtja", rows, points) - error
+                right = np.einsum("vtj,vtjad,vtja->tjd", weight, rows, goal) + weak * known.compiled.centre()
+                return _asterism._difference_chains(information[..., row, column], right, c, stiffness)
+
+            path, covariance, spread, _ = chain(weight)
+            np.testing.assert_allclose(path, points, atol=1e-6 * extent)
+            np.testing.assert_allclose(chain(curvature)[1], observed, rtol=1e-5, atol=1e-9 * covariance.max())
             blur = np.einsum("vtjad,tjde,vtjae->vtj", rows, pose_estimate._matrices(covariance), rows)
             square, variance = (error**2).sum(-1) + blur, noise[:, None] ** 2
             base = 1 + square / (4 * variance)
@@ -360,19 +419,10 @@ class FuseTest(unittest.TestCase):
             np.testing.assert_allclose(probability, is_seen * likelihood / (likelihood + 0.01 / area[:, None, None]), atol=1e-6)
             trust = probability * 1.5 / base
             np.testing.assert_allclose(weight, trust / variance, rtol=1e-5, atol=1e-9)
+            # Half the trace of the Hessian of 3 log(1 + square / (4 variance)) where the point's own variance counts as error.
+            np.testing.assert_allclose(curvature, trust / variance * (1 - square / (4 * variance + square)), rtol=1e-5, atol=1e-9)
             total, count = (trust * square).sum(1), 2 * probability.sum(1)
             np.testing.assert_allclose(noise**2, (total + 10 * total.sum() / count.sum()) / (count + 10), rtol=1e-5)
-            # The chains of these weights.
-            step = np.diff(known.times)
-            c = np.stack([1 / step[:-1], -1 / step[:-1] - 1 / step[1:], 1 / step[1:]], 1) / np.sqrt((step[:-1] + step[1:]) / 2)[:, None]
-            row, column = np.triu_indices(dim)
-            weak = (100 * extent) ** -2
-            information = np.einsum("vtj,vtjad,vtjae->tjde", weight, rows, rows) + weak * np.eye(dim)
-            goal = np.einsum("vtjad,tjd->vtja", rows, points) - error
-            right = np.einsum("vtj,vtjad,vtja->tjd", weight, rows, goal) + weak * known.compiled.centre()
-            path, variances, spread, _ = _asterism._difference_chains(information[..., row, column], right, c, stiffness)
-            np.testing.assert_allclose(path, points, atol=1e-6 * extent)
-            np.testing.assert_allclose(variances, covariance, rtol=1e-5, atol=1e-9 * covariance.max())
             change = (np.einsum("kt,ktjd->tjd", c.T, np.stack([points[:-2], points[1:-1], points[2:]])) ** 2).sum(-1) + spread
             near = np.stack([change[max(t - 2, 0) : t + 3].sum(0) for t in range(58)])
             number = np.array([len(change[max(t - 2, 0) : t + 3]) for t in range(58)])[:, None]
@@ -486,9 +536,11 @@ class StreamTest(unittest.TestCase):
                         three = slice(t * dim, (t + 3) * dim)
                         matrix[three, three] += stiffness[j] * np.kron(np.outer(c, c), np.eye(dim))
                 whole = np.linalg.solve(matrix, right).reshape(40, dim)
-                np.testing.assert_allclose(stream.points[:, j], whole[-6:], rtol=1e-6, atol=1e-7)
+                np.testing.assert_allclose(stream.points[:, j], whole[-6:] + stream._origin, rtol=1e-6, atol=1e-7)
                 if recorded.disagreement == 0:
-                    np.testing.assert_allclose(newest.covariance[j], np.linalg.inv(matrix)[-dim:, -dim:], rtol=1e-5, atol=1e-9)
+                    # That of the curvatures in the window is larger than that of the weights.
+                    ratios = np.linalg.eigvals(np.linalg.solve(np.linalg.inv(matrix)[-dim:, -dim:], newest.covariance[j])).real
+                    self.assertTrue(((ratios > 1) & (ratios < 2)).all(), ratios)
 
     def test_it_is_near_the_whole_recording(self):
         truth, seen, is_wrong, cameras = recording(21, frames=400)

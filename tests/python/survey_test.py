@@ -39,6 +39,15 @@ class SurveyTest(unittest.TestCase):
             np.testing.assert_array_equal(found.bias, 0)
             np.testing.assert_array_equal(np.isnan(found.residuals), np.isnan(ranges) | np.eye(8, dtype=bool))
 
+    def test_unit_and_order_do_not_matter(self):
+        for bias in (0.0, 0.3):
+            _, _, ranges = scene(2, 8, 2, 0.05, bias)
+            expected = distances(asterism.survey(ranges, 0.05, bias=bias).x)
+            order = [3, 0, 7, 1, 6, 2, 5, 4]
+            for unit in (1e-9, 1.0, 1e9):
+                found = asterism.survey(ranges[np.ix_(order, order)] * unit, 0.05 * unit, bias=bias * unit)
+                np.testing.assert_allclose(distances(found.x) / unit, expected[np.ix_(order, order)], rtol=0, atol=1e-6)
+
     def test_the_least_energy_that_scipy_finds(self):
         for seed, dim, bias in ((1, 2, 0.0), (2, 2, 0.3), (3, 3, 0.3), (4, 3, 0.0)):
             x, c, ranges = scene(seed, 9, dim, 0.1, bias, 0.1)

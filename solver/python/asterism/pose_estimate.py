@@ -37,7 +37,28 @@ class _Recording:
         self.times = (times - times[0]) / self.frame_time
         self.is_seen, self.belief, self.deviation = is_seen, belief, deviation
         self.dim = 3 if len(cameras) else 2
-        self.compiled = _asterism._PoseRecording(sights, is_seen, belief, self.times, cameras, area, deviation)
+
+        def about(origin: _Floats) -> _asterism._PoseRecording:
+            return _asterism._PoseRecording(sights, is_seen, belief, self.times, _moved(cameras, origin), area, deviation)
+
+        # That of the points, near which numbers are small, wherever the world has its own.
+        self.origin = np.zeros(2)
+        if self.dim == 3:
+            self.origin = _places(cameras).mean(0)
+            self.origin = self.origin + about(self.origin).centre()
+        self.compiled = about(self.origin)
+
+
+def _places(cameras: _Floats) -> _Floats:
+    """Of cameras (V, 12), in the world (V, 3)."""
+    return -np.einsum("vrc,vr->vc", cameras[:, :9].reshape(-1, 3, 3), cameras[:, 9:])
+
+
+def _moved(cameras: _Floats, origin: _Floats) -> _Floats:
+    """Cameras (V, 12) in a world whose origin is there."""
+    if not len(cameras):
+        return cameras
+    return np.concatenate([cameras[:, :9], cameras[:, 9:] + cameras[:, :9].reshape(-1, 3, 3) @ origin], 1)
 
 
 @dataclasses.dataclass
@@ -49,6 +70,7 @@ class _Estimate:
     covariance: _Floats  # (T, J, entries)
     probability: _Floats  # (V, T, J): that a detection is not an outlier
     weight: _Floats  # (V, T, J): of each detection
+    curvature: _Floats  # (V, T, J): what takes its place in the covariance
     stiffness: _Floats  # (T - 2, J): the weight of each change of velocity
 
 
@@ -98,7 +120,7 @@ def _estimate_by_parts(recording: _Recording) -> _Estimate:
     scales = _pooled([part for part in parts if part is not None], views, joints)
     centre = recording.compiled.centre()
     points = np.broadcast_to(centre, (frames, joints, recording.dim)).copy()
-    probability, weight = np.zeros((2, views, frames, joints))
+    probability, weight, curvature = np.zeros((3, views, frames, joints))
     stiffness = np.broadcast_to(1 / scales.motion, (frames - 2, joints)).copy()
     for start, found in zip(starts, parts):
         if found is None:
@@ -107,13 +129,13 @@ def _estimate_by_parts(recording: _Recording) -> _Estimate:
         to, of = slice(start, end(start)), slice(start - max(start - _OVERLAP, 0), None)
         size = end(start) - start
         points[to, joints_seen] = part.points[of][:size]
-        for whole, piece in ((probability, part.probability), (weight, part.weight)):
+        for whole, piece in ((probability, part.probability), (weight, part.weight), (curvature, part.curvature)):
             whole[:, to, joints_seen] = piece[:, of][:, :size]
         changes = stiffness[to]  # those that begin in the part
         changes[:, joints_seen] = part.stiffness[of][: len(changes)]
     stiffness = np.minimum(stiffness, 16 / (_STILL * scales.extent) ** 2)  # a part of which the joints rest knows a smaller scene
-    points, covariance = recording.compiled.path(points, weight, stiffness, scales.offset, centre, scales.extent, inputs.processors())
-    return _Estimate(scales, points, covariance, probability, weight, stiffness)
+    points, covariance = recording.compiled.path(points, weight, curvature, stiffness, scales.offset, centre, scales.extent, inputs.processors())
+    return _Estimate(scales, points, covariance, probability, weight, curvature, stiffness)
 
 
 def _pooled(parts: list[tuple[npt.NDArray[np.intp], _Estimate]], views: int, joints: int) -> _Scales:

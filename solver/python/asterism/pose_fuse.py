@@ -95,6 +95,7 @@ def fuse(
     lengths, deviations = _limb_lengths(points, covariance, limbs)
     if len(limbs):
         points, covariance = _with_limbs(found, covariance, limbs, lengths, deviations)
+    points = points + recording.origin
     image = np.array([camera.project(points) for camera in cameras]) if recording.dim == 3 else np.array([points] * len(recording.is_seen))
     return FusedPose(
         points, _matrices(covariance), ~np.isnan(pixels[..., 0]) & (found.probability < 0.5), swapped, lengths, deviations, image,
@@ -162,6 +163,8 @@ def _area(pixels: _Floats) -> float:
     """Of what is seen (.., 2) [px^2], in which an outlier may be anywhere. Detections on a line have a narrow one."""
     seen = pixels[~np.isnan(pixels[..., 0])]
     size = np.ptp(seen, 0) if len(seen) else np.zeros(2)
+    if not size.max() < 1e150:  # of which the square is a number
+        raise ValueError("detections: numbers that are too large")
     return float(np.prod(np.maximum(size, 1e-3 * size.max()))) if size.any() else 1.0
 
 

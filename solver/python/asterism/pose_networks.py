@@ -36,21 +36,23 @@ def network_deviation(networks: npt.ArrayLike) -> _Floats:
     square = (np.where(is_seen[..., None], points - mean, 0) ** 2).sum((0, -1))
     freedom = 2.0 * (number - 1)
     frames, joints = number.shape[-2:]
+    extent = np.ptp(points[is_seen], 0).max() if is_seen.any() else 0.0
+    least = float(1e-10 * extent or 1.0) ** 2  # of a variance, where networks agree
     found = np.empty((number.size // (frames * joints), frames, joints))
     for view, (squares, freedoms) in enumerate(zip(square.reshape(found.shape), freedom.reshape(found.shape))):
         for joint in range(joints):
             is_known = freedoms[:, joint] > 0
             if not is_known.any():
                 raise ValueError(f"networks: no two networks see joint {joint} in one frame")
-            prior, variance = _variances(squares[is_known, joint], freedoms[is_known, joint])
+            prior, variance = _variances(squares[is_known, joint], freedoms[is_known, joint], least)
             total = prior + np.where(is_known, freedoms[:, joint], 0)
             found[view, :, joint] = (prior * variance + np.where(is_known, squares[:, joint], 0)) / np.maximum(total - 2, 0.5)
     return np.sqrt(found.reshape(number.shape) * len(points) / (len(points) - 1))
 
 
-def _variances(square: _Floats, freedom: _Floats) -> tuple[float, float]:
+def _variances(square: _Floats, freedom: _Floats, least: float) -> tuple[float, float]:
     """Degrees of freedom and scale of the inverse chi-square distribution of variances, of which sums of squares with these degrees of freedom are."""
-    square = np.maximum(square, 1e-8 * max(float(square.mean()), 1e-8))
+    square = np.maximum(square, max(1e-8 * float(square.mean()), least))
     different, which = np.unique(freedom, return_inverse=True)
     best = -np.inf, 1.0, 1.0
     for prior in np.logspace(-0.5, 2.5, 25):

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from . import _asterism, inputs
 from .cameras import Camera
-from .pose_estimate import _Floats
+from .pose_estimate import _Floats, _moved
 from .pose_fuse import FusedPose, _area, _calibration
 
 
@@ -68,15 +68,17 @@ class Stream:
             for view, camera in enumerate(cameras):
                 middle = np.median(seen[view].reshape(-1, 2), 0)
                 slope[view] = camera.undistort(middle)[1].ravel()
+        centre = np.median(recorded.points, (0, 1))
+        self._origin = np.zeros(2) if cameras is None else centre  # of the window, as in fuse
         self._window = _asterism._PoseWindow(
-            int(window), scales, poses, matrices, distortions, area, slope, np.median(recorded.points, (0, 1)), _LOST
+            int(window), scales, _moved(poses, self._origin), matrices, distortions, area, slope, centre - self._origin, _LOST
         )
         self._frame, self._time = 0, -1.0
 
     @property
     def points(self) -> _Floats:
         """(frames, joints, D): all frames of the window, which later detections have improved. The last one is the newest."""
-        return self._window.points
+        return self._window.points + self._origin
 
     def push(self, detections: npt.ArrayLike, time: float | None = None, confidence: npt.ArrayLike | None = None) -> StreamedPose:
         """The next frame. detections: (V, J, 2) [px], or (J, 2) for one view, NaN where none. time: that of the frame, if the recording had times; else
@@ -103,4 +105,5 @@ class Stream:
         if not math.isfinite(when) or (self._frame > 0 and when <= self._time):
             raise ValueError(f"time: expected rising times, found {when} in frame {self._frame}")
         self._frame, self._time = self._frame + 1, when
-        return StreamedPose(*self._window.push(pixels, belief, when))
+        points, covariance, outliers = self._window.push(pixels, belief, when)
+        return StreamedPose(points + self._origin, covariance, outliers)

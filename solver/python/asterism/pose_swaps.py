@@ -129,6 +129,11 @@ def _isolated(path: _Floats) -> npt.NDArray[np.bool_]:
     return second > 4 * np.percentile(known, 70) if len(known) else np.zeros(second.shape, bool)
 
 
+def _scale(typical: float, square: _Floats) -> float:
+    """That of squares of which most may be 0."""
+    return max(typical, 1e-12 * float(square.max())) or 1.0
+
+
 def _smoothest(path: _Floats, times: _Floats) -> npt.NDArray[np.bool_]:
     """The choices for frames (T, 2, 2) that see both: Viterbi's algorithm over the labels of neighbouring frames."""
     count = len(path)
@@ -138,12 +143,12 @@ def _smoothest(path: _Floats, times: _Floats) -> npt.NDArray[np.bool_]:
     speed = (label[None, :, 1:] - label[:, None, :-1]) / step[:, None, None]
     square = (speed**2).sum(-1)
     slow = float(np.median(square.min((0, 1))))
-    cost = np.log1p(square / max(16 * slow, 1e-12)).sum(-1)  # weak: it only tells apart what no change of velocity does
+    cost = np.log1p(square / _scale(16 * slow, square)).sum(-1)  # weak: it only tells apart what no change of velocity does
     if count > 2:
         # (label before, label, label after, T - 2, joint, 2)
         change = (speed[None, :, :, 1:] - speed[:, :, None, :-1]) * np.sqrt(2 / (step[1:] + step[:-1]))[:, None, None]
         square = (change**2).sum(-1)
-        bend = np.log1p(square / max(float(np.median(square.min((0, 1, 2)))), 1e-12)).sum(-1)  # each joint on its own: one may be an outlier
+        bend = np.log1p(square / _scale(float(np.median(square.min((0, 1, 2)))), square)).sum(-1)  # each joint on its own: one may be an outlier
     best = cost[:, :, 0] + _EXCHANGED * (np.arange(2)[:, None] + np.arange(2))
     back = np.zeros((count, 2, 2), np.intp)
     for t in range(2, count):

@@ -3,7 +3,10 @@
 #include <asterism/solver/run/executor.hpp>
 #include <atomic>
 #include <cmath>
+#include <memory>
+#include <optional>
 #include <thread>
+#include <tuple>
 #include <vector>
 
 #include "position_lanes.hpp"
@@ -20,12 +23,12 @@ const char* LocateOptions::problem() const {
   return nullptr;
 }
 
-namespace {
+namespace locating {
 
 using ranges::Symmetric;
 using ranges::Vector;
 
-constexpr int kWithoutHeap = 64, kLanes = lanes_v0_1::Cells::kMost;
+inline constexpr int kWithoutHeap = 64, kLanes = lanes_v0_1::Cells::kMost;
 
 /// The ranges that were heard, with coordinates about the beacons' centroid, the last along the direction in
 /// which the beacons extend least.
@@ -38,13 +41,12 @@ class Heard {
     const int count = static_cast<int>(given.size());
     if (beacons.size() != given.size() * Dim || sigma.size() != given.size())
       return "beacons, ranges and sigma have to be for the same number of beacons";
-    if (count > kWithoutHeap) heap_.resize(static_cast<std::size_t>(count) * (Dim + 3 + kLanes));
+    if (count > kWithoutHeap) heap_.resize(static_cast<std::size_t>(count) * (Dim + 3));
     double* const memory = count > kWithoutHeap ? heap_.data() : stack_;
     beacons_ = memory;
     range_ = memory + Dim * count;
     weight_ = range_ + count;
     sigma_ = weight_ + count;
-    lanes_ = sigma_ + count;
     double largest = 0;
     for (int i = 0; i < count; ++i) {
       const double r = given[static_cast<std::size_t>(i)], s = sigma[static_cast<std::size_t>(i)];
@@ -76,7 +78,7 @@ class Heard {
     return turn(largest);
   }
 
-  ranges::Ranges ranges() const { return {count_, beacons_, range_, weight_, sigma_, lanes_}; }
+  ranges::Ranges ranges() const { return {count_, beacons_, range_, weight_, sigma_}; }
   bool is_flat() const { return is_flat_; }
 
   /// The given coordinates of a place.
@@ -215,16 +217,42 @@ class Heard {
     }
   }
 
-  double stack_[kWithoutHeap * (Dim + 3 + kLanes)];
+  double stack_[kWithoutHeap * (Dim + 3)];
   std::vector<double> heap_;
-  double *beacons_ = nullptr, *range_ = nullptr, *weight_ = nullptr, *sigma_ = nullptr, *lanes_ = nullptr;
+  double *beacons_ = nullptr, *range_ = nullptr, *weight_ = nullptr, *sigma_ = nullptr;
   int count_ = 0;
   Vector<Dim> centre_, normal_;
   double factor_ = 0, unit_ = 1;
   bool is_flat_ = false;
 };
 
-constexpr const char* mirror_message(int dim) {
+/// Memory of the lanes, for so many beacons.
+template <int Dim>
+class Lanes {
+ public:
+  explicit Lanes(int beacons) {
+    const auto rows = static_cast<std::size_t>(beacons) * kLanes;
+    if (beacons > kWithoutHeap) heap_.resize(rows * (Dim + 2));
+    double* const memory = beacons > kWithoutHeap ? heap_.data() : stack_;
+    std::fill_n(memory, rows * (Dim + 2), 0.0);  // lanes that are not used yet
+    cells_.dim = Dim;
+    cells_.beacons = beacons;
+    cells_.places = memory;
+    cells_.ranges = memory + Dim * rows;
+    cells_.weights = cells_.ranges + rows;
+    std::fill_n(cells_.extent, kLanes, 1.0);
+  }
+  Lanes(const Lanes&) = delete;
+  Lanes& operator=(const Lanes&) = delete;
+  lanes_v0_1::Cells& cells() { return cells_; }
+
+ private:
+  double stack_[kWithoutHeap * (Dim + 2) * kLanes];
+  std::vector<double> heap_;
+  lanes_v0_1::Cells cells_ = {};
+};
+
+inline constexpr const char* mirror_message(int dim) {
   return dim == 2
              ? "the beacons lie on one line: each minimum beside it has a mirror image of the same energy"
              : "the beacons lie in one plane: each minimum beside it has a mirror image of the same energy";
@@ -248,23 +276,12 @@ PositionFix<Dim> proven_fix(const lanes_v0_1::LaneFix& of_lane, double within) {
   return fix;
 }
 
-}  // namespace
-
+/// What a search has found.
 template <int Dim>
-PositionFix<Dim> locate(std::span<const double> beacons, std::span<const double> given,
-                        std::span<const double> sigma, const LocateOptions& options) {
+PositionFix<Dim> found_fix(ranges::PositionSearch<Dim>& search, const Heard<Dim>& heard,
+                           const LocateOptions& options) {
   PositionFix<Dim> fix;
-  Heard<Dim> heard;
   fix.status = Status::InvalidInput;
-  if (const char* problem = options.problem()) {
-    fix.message = problem;
-    return fix;
-  }
-  fix.message = heard.read(beacons, given, sigma);
-  if (!fix.message.empty()) return fix;
-  ranges::PositionSearch<Dim> search(heard.ranges(), heard.is_flat(), options.within, options.cutoff,
-                                     options.max_cells);
-  search.run();
   fix.count = search.finish();
   fix.cells = static_cast<int>(search.cells());
   if (fix.count == 0) {
@@ -303,6 +320,94 @@ PositionFix<Dim> locate(std::span<const double> beacons, std::span<const double>
   return fix;
 }
 
+/// Searches of tags whose positions the closed forms do not prove: one in each lane.
+template <int Dim>
+class SideBySide {
+ public:
+  SideBySide(int beacons, const LocateOptions& options) : options_(options), lanes_(beacons) {}
+
+  /// Starts the searches of these tags, and goes on until a lane has none. ranges_of(tag): a tag's beacons,
+  /// ranges and sigma.
+  template <typename RangesOf, typename Take>
+  void run(std::span<const int> tags, RangesOf&& ranges_of, Take&& take) {
+    std::size_t next = 0;
+    for (bool is_idle = false; !is_idle;) {
+      for (int lane = 0; lane < kLanes; ++lane) {
+        Lane& of = each_[lane];
+        while (!(of.search && of.search->next())) {
+          end(of, take);
+          is_idle = next == tags.size();
+          if (is_idle) break;
+          of.tag = tags[next++];
+          if (PositionFix<Dim> wrong; !start(of, lane, ranges_of(of.tag), wrong)) take(of.tag, wrong);
+        }
+      }
+      lanes_v0_1::judge(lanes_.cells());
+      for (Lane& of : each_)
+        if (of.search) of.search->use();
+    }
+  }
+
+  /// Ends what is left, each search in all lanes.
+  template <typename Take>
+  void finish(Take&& take) {
+    for (Lane& of : each_) {
+      if (of.search) of.search->branch_and_bound();
+      end(of, take);
+    }
+  }
+
+ private:
+  struct Lane {
+    std::optional<Heard<Dim>> heard;
+    std::optional<ranges::PositionSearch<Dim>> search;
+    int tag = 0;
+  };
+
+  template <typename Take>
+  void end(Lane& of, Take&& take) {
+    if (of.search) take(of.tag, found_fix<Dim>(*of.search, *of.heard, options_));
+    of.search.reset();
+  }
+
+  template <typename Given>
+  bool start(Lane& of, int lane, const Given& given, PositionFix<Dim>& wrong) {
+    of.heard.emplace();
+    wrong.status = Status::InvalidInput;
+    wrong.message = std::apply([&](auto... spans) { return of.heard->read(spans...); }, given);
+    if (!wrong.message.empty()) return false;
+    of.search.emplace(of.heard->ranges(), of.heard->is_flat(), options_.within, options_.cutoff,
+                      options_.max_cells, lanes_.cells());
+    if (!of.search->is_proven_at_once()) of.search->begin(lane);
+    return true;
+  }
+
+  LocateOptions options_;
+  Lanes<Dim> lanes_;
+  Lane each_[kLanes];
+};
+
+}  // namespace locating
+
+template <int Dim>
+PositionFix<Dim> locate(std::span<const double> beacons, std::span<const double> given,
+                        std::span<const double> sigma, const LocateOptions& options) {
+  PositionFix<Dim> fix;
+  locating::Heard<Dim> heard;
+  fix.status = Status::InvalidInput;
+  if (const char* problem = options.problem()) {
+    fix.message = problem;
+    return fix;
+  }
+  fix.message = heard.read(beacons, given, sigma);
+  if (!fix.message.empty()) return fix;
+  locating::Lanes<Dim> lanes(heard.ranges().count);
+  ranges::PositionSearch<Dim> search(heard.ranges(), heard.is_flat(), options.within, options.cutoff,
+                                     options.max_cells, lanes.cells());
+  search.run();
+  return locating::found_fix<Dim>(search, heard, options);
+}
+
 template <int Dim>
 bool locate_each(const RangeBatch& batch, const LocateOptions& options, int threads,
                  const std::function<void(int tag, const PositionFix<Dim>& fix)>& take,
@@ -320,10 +425,13 @@ bool locate_each(const RangeBatch& batch, const LocateOptions& options, int thre
   const bool has_lanes = options.problem() == nullptr &&
                          options.cutoff == std::numeric_limits<double>::infinity() &&
                          beacons <= lanes_v0_1::kMostBeacons;
+  const int workers = detail::thread_count(threads);
+  // For each worker, made by the first chunk that needs it.
+  std::vector<std::unique_ptr<locating::SideBySide<Dim>>> searches(static_cast<std::size_t>(workers));
   std::atomic<bool> stopped{false};
-  const int workers = detail::thread_count(threads), chunks = static_cast<int>((tags + kChunk - 1) / kChunk);
+  const int chunks = static_cast<int>((tags + kChunk - 1) / kChunk);
   const std::thread::id caller = std::this_thread::get_id();
-  detail::for_each_task(workers, chunks, [&](int, int chunk) {
+  detail::for_each_task(workers, chunks, [&](int worker, int chunk) {
     const bool asks = is_stopped && std::this_thread::get_id() == caller;
     const std::size_t first = static_cast<std::size_t>(chunk) * kChunk;
     const auto beacons_of = [&](std::size_t tag) {
@@ -339,16 +447,36 @@ bool locate_each(const RangeBatch& batch, const LocateOptions& options, int thre
       lanes_v0_1::fix({Dim, batch.beacons_per_tag, static_cast<int>(count), beacons_of(first).data(),
                        own_beacons ? batch.beacons_per_tag * Dim : 0, ranges_of(first).data(),
                        sigma_of(first).data(), own_sigma ? batch.beacons_per_tag : 0, options.within, fixes});
+    int left[kChunk];
+    std::size_t left_count = 0;
     for (std::size_t n = 0; n < count && !stopped; ++n) {
       if (asks && is_stopped()) {
         stopped = true;
         return;
       }
       const std::size_t tag = first + n;
-      take(static_cast<int>(tag), has_lanes && fixes[n].count > 0
-                                      ? proven_fix<Dim>(fixes[n], options.within)
-                                      : locate<Dim>(beacons_of(tag), ranges_of(tag), sigma_of(tag), options));
+      if (!has_lanes)
+        take(static_cast<int>(tag), locate<Dim>(beacons_of(tag), ranges_of(tag), sigma_of(tag), options));
+      else if (fixes[n].count > 0)
+        take(static_cast<int>(tag), locating::proven_fix<Dim>(fixes[n], options.within));
+      else
+        left[left_count++] = static_cast<int>(tag);
     }
+    if (left_count == 0 || stopped) return;
+    std::unique_ptr<locating::SideBySide<Dim>>& search = searches[static_cast<std::size_t>(worker)];
+    if (search == nullptr)
+      search = std::make_unique<locating::SideBySide<Dim>>(batch.beacons_per_tag, options);
+    search->run(
+        std::span(left, left_count),
+        [&](int tag) {
+          const auto n = static_cast<std::size_t>(tag);
+          return std::tuple(beacons_of(n), ranges_of(n), sigma_of(n));
+        },
+        take);
+  });
+  detail::for_each_task(workers, workers, [&](int, int worker) {
+    if (const auto& search = searches[static_cast<std::size_t>(worker)]; search != nullptr && !stopped)
+      search->finish(take);
   });
   return !stopped;
 }

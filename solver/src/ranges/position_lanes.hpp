@@ -30,16 +30,17 @@ struct FixTask {
   LaneFix* fixes;  ///< (tags)
 };
 
-/// Boxes that position_search.hpp searches, or one of them for several sets of inliers.
+/// Boxes that position_search.hpp searches, side by side: of one tag, also one box for several sets of
+/// inliers, or of several tags.
 struct Cells {
   static constexpr int kMost = 8;
 
   int dim, beacons;
-  const double* places;  ///< (beacons, dim)
-  const double* ranges;  ///< (beacons)
-  double* weights;       ///< (beacons, kMost): of each range in each cell, 0 for an outlier
-  double extent;
-  double rounding;                          ///< of a gradient
+  double* places;   ///< (beacons, dim, kMost)
+  double* ranges;   ///< (beacons, kMost)
+  double* weights;  ///< (beacons, kMost): of each range in each cell, 0 for an outlier
+  double extent[kMost];
+  double rounding[kMost];                   ///< of a gradient
   double room[kMost];                       ///< twice the energy that is asked for
   double centre[3][kMost], half[3][kMost];  ///< become those of the part where the gradient may vanish
   double bound[kMost];                      ///< of the energy of the ranges that have weights, from below

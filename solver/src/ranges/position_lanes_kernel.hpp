@@ -488,7 +488,8 @@ class CellLanes : LaneAlgebra<L, D> {
 
  public:
   CellLanes(Cells& cells, int first) : cells_(cells), first_(first), room_(L::load(cells.room + first)) {
-    const V none = set(0), one = set(1), smallest = set(1e-26 * cells.extent * cells.extent);
+    const V none = set(0), one = set(1), extent = L::load(cells.extent + first);
+    const V smallest = set(1e-26) * extent * extent;
     Vector centre;
     for (int k = 0; k < D; ++k) {
       centre[k] = L::load(cells.centre[k] + first);
@@ -499,9 +500,11 @@ class CellLanes : LaneAlgebra<L, D> {
     const V h = L::sqrt(square_), deviations = L::sqrt(room_);
     for (int i = 0; i < cells.beacons; ++i) {
       Vector p;
-      for (int k = 0; k < D; ++k) p[k] = centre[k] - set(cells.places[D * i + k]);
+      for (int k = 0; k < D; ++k)
+        p[k] = centre[k] - L::load(cells.places + Cells::kMost * (D * i + k) + first);
       const V square = L::max(dot(p, p), smallest), per_d = L::inverse_sqrt(square), d = square * per_d;
-      const V w = L::load(cells.weights + Cells::kMost * i + first), r = set(cells.ranges[i]);
+      const V w = L::load(cells.weights + Cells::kMost * i + first),
+              r = L::load(cells.ranges + Cells::kMost * i + first);
       const V v = w * r * per_d, q = h * per_d;
       total_ = total_ + w;
       mu_ = mu_ + (w - v);
@@ -598,7 +601,7 @@ class CellLanes : LaneAlgebra<L, D> {
         reach = L::fma(L::abs(inverse(j, k)), half_[k], reach);
         step = L::fnma(inverse(j, k), gradient_[k], step);
       }
-      const V by = L::fma(remainder_ + set(cells_.rounding), L::sqrt(square), damping * reach);
+      const V by = L::fma(remainder_ + L::load(cells_.rounding + first_), L::sqrt(square), damping * reach);
       meet(j, step - by, step + by);
     }
   }

@@ -50,7 +50,6 @@ struct Ranges {
   const double* range;
   const double* weight;  ///< 1 / sigma^2
   const double* sigma;
-  double* lanes;  ///< room for (count, Cells::kMost) numbers
 };
 
 template <int D>
@@ -58,14 +57,16 @@ class PositionSearch {
  public:
   static constexpr int kMost = 32;
 
-  /// `is_flat`: the last coordinate of all beacons is 0.
-  PositionSearch(const Ranges& ranges, bool is_flat, double within, double cutoff, long max_cells)
+  /// `is_flat`: the last coordinate of all beacons is 0. lanes: with room for as many beacons.
+  PositionSearch(const Ranges& ranges, bool is_flat, double within, double cutoff, long max_cells,
+                 lanes_v0_1::Cells& lanes)
       : given_(ranges),
         is_flat_(is_flat),
         within_(within),
         cutoff_(cutoff),
         outlier_(0.5 * cutoff * cutoff),
-        max_cells_(max_cells) {
+        max_cells_(max_cells),
+        lanes_(lanes) {
     for (int i = 0; i < given_.count; ++i) {
       total_ += given_.weight[i];
       reach_ += given_.weight[i] * given_.range[i];
@@ -77,27 +78,77 @@ class PositionSearch {
       // Fewer than D ranges meet on circles or spheres, not in points.
       ceiling_ = (given_.count - D + 0.9) * outlier_;
     }
-    lanes_.dim = D;
-    lanes_.beacons = given_.count;
-    lanes_.places = given_.beacons;
-    lanes_.ranges = given_.range;
-    lanes_.weights = given_.lanes;
-    lanes_.extent = extent_;
-    lanes_.rounding = 1e-14 * total_ * extent_;
   }
 
   /// Finds the minima.
   void run() {
+    if (is_proven_at_once()) return;
+    push({constant<D>(0), constant<D>(reach_), 0, 0}, 3);
+    branch_and_bound();
+  }
+
+  /// Searches the cells on the stack, with as many at a time as there are lanes.
+  void branch_and_bound();
+
+  /// The same in one lane, beside the searches of other tags, and without a cutoff: is_proven_at_once(), or
+  /// begin(lane), and while next() the lanes are judged and use() is called.
+  bool is_proven_at_once() {
     const Vector<D> guess = from_squares();
-    if (is_flat_ && !is_robust() && settle_flat(guess)) return;
+    if (is_flat_ && !is_robust() && settle_flat(guess)) return true;
     add_from(guess);
     if (is_robust()) {
       start_from_sets();
-    } else {
-      minima_[0].radius = excluded_about(minima_[0]);
-      if (minima_[0].radius == kNone) return;
+      return false;
     }
-    branch_and_bound();
+    minima_[0].radius = excluded_about(minima_[0]);
+    return minima_[0].radius == kNone;
+  }
+  void begin(int lane) {
+    lane_ = lane;
+    take_lanes(lane, lane + 1);
+    push({constant<D>(0), constant<D>(reach_), 0, 0}, 0);
+  }
+  bool next() {
+    for (; stacked_ > 0; --stacked_) {
+      if (!has_room()) return false;
+      const Cell& cell = stack_[stacked_ - 1];
+      ++cells_;
+      if (cell.bound > threshold() || is_covered(cell.centre, cell.half)) continue;
+      lanes_.room[lane_] = 2 * (threshold() + kBarrier);
+      for (int k = 0; k < D; ++k) {
+        lanes_.centre[k][lane_] = cell.centre[k];
+        lanes_.half[k][lane_] = cell.half[k];
+      }
+      return true;
+    }
+    return false;
+  }
+  void use() {
+    Cell& cell = stack_[stacked_ - 1];
+    const double share = lanes_.share[lane_], h = norm(cell.half);
+    cell.bound = std::max(cell.bound, lanes_.bound[lane_]);
+    if (share == 0 || cell.bound > threshold() || has_its_minimum(cell, lane_) ||
+        is_tiny(cell, lanes_.slope[lane_] * h + 0.5 * total_ * h * h)) {
+      --stacked_;
+      return;
+    }
+    int axis = 0;
+    for (int k = 0; k < D; ++k) {
+      cell.centre[k] = lanes_.centre[k][lane_];
+      cell.half[k] = lanes_.half[k][lane_];
+      if (cell.half[k] > cell.half[axis]) axis = k;
+    }
+    if (share <= kLittleLess) return;
+    Cell& other = stack_[stacked_++];
+    cell.half[axis] *= 0.5;
+    for (int k = 0; k < D; ++k) {
+      other.centre[k] = cell.centre[k];
+      other.half[k] = cell.half[k];
+    }
+    other.bound = cell.bound;
+    other.outliers = 0;
+    other.centre[axis] += cell.half[axis];
+    cell.centre[axis] -= cell.half[axis];
   }
 
   /// Sorted by energy, those that are asked for.
@@ -120,6 +171,9 @@ class PositionSearch {
   static constexpr int kShells = 6;
   static constexpr int kMostUndecided = 6, kLanes = lanes_v0_1::Cells::kMost;
   static constexpr int kForm = Symmetric<D>::kSize + D + 1;  ///< numbers of a form in (e, t)
+  /// For up to kLanes of each of D halvings of the sides to 1e-12 of the first.
+  static constexpr int kRoom = 1024;
+  static constexpr double kLittleLess = 0.4;  ///< a cell of which more is left is halved
   static constexpr double kNone = std::numeric_limits<double>::infinity();
   using Forms = double[kForm][kShells];
 
@@ -222,7 +276,12 @@ class PositionSearch {
   double settle(Judged& judged);
   bool has_its_minimum(const Cell& cell, int lane);
   bool is_tiny(const Cell& cell, double change);
-  void branch_and_bound();
+  void take_lanes(int first, int last);
+  void push(const Cell& cell, int halvings);
+  bool has_room() {
+    is_complete_ = is_complete_ && cells_ < max_cells_ && stacked_ + kLanes * 2 <= kRoom;
+    return is_complete_;
+  }
 
   Ranges given_;
   bool is_flat_;
@@ -235,8 +294,10 @@ class PositionSearch {
   long cells_ = 0;
   double left_out_ = kNone;  ///< the lowest energy of a minimum for which there was no room
   bool is_complete_ = true;
-  lanes_v0_1::Cells lanes_ = {};
+  lanes_v0_1::Cells& lanes_;
   double of_outliers_[kLanes];  ///< what outliers add in each lane
+  Cell stack_[kRoom];
+  int stacked_ = 0, lane_ = 0;
 };
 
 /// Steps across a curved valley only: where ranges are much more certain than what tells places along it
@@ -661,7 +722,7 @@ bool PositionSearch<D>::prepare(Judged& judged, int first) {
   for (int i = 0; is_robust() && i < given_.count && bound <= threshold(); ++i) {
     const Role of = cell.has_outlier(i) ? Role{true, false, outlier_} : role(i, cell);
     bound += of.bound;
-    given_.lanes[kLanes * i + first] = of.is_outlier ? 0 : given_.weight[i];
+    lanes_.weights[kLanes * i + first] = of.is_outlier ? 0 : given_.weight[i];
     if (of.is_outlier) {
       outliers += outlier_;
       if (i < 64) cell.outliers |= std::uint64_t{1} << i;
@@ -697,9 +758,9 @@ bool PositionSearch<D>::prepare(Judged& judged, int first) {
     }
     if (lane > first)
       for (int i = 0; i < given_.count; ++i)
-        given_.lanes[kLanes * i + lane] = given_.lanes[kLanes * i + first];
+        lanes_.weights[kLanes * i + lane] = lanes_.weights[kLanes * i + first];
     for (int n = 0; n < judged.undecided; ++n)
-      given_.lanes[kLanes * undecided[n] + lane] = (set >> n & 1) != 0 ? given_.weight[undecided[n]] : 0;
+      lanes_.weights[kLanes * undecided[n] + lane] = (set >> n & 1) != 0 ? given_.weight[undecided[n]] : 0;
   }
   if (judged.sets == 0) cell.bound = kNone;
   return true;
@@ -767,41 +828,52 @@ bool PositionSearch<D>::is_tiny(const Cell& cell, double change) {
   return true;
 }
 
-/// Searches the ball of fact 3, with as many cells at a time as there are lanes.
+/// Gives lanes the beacons, ranges and weights. Others may have more beacons.
+template <int D>
+void PositionSearch<D>::take_lanes(int first, int last) {
+  for (int i = 0; i < lanes_.beacons; ++i) {
+    const bool is_heard = i < given_.count;
+    for (int lane = first; lane < last; ++lane) {
+      for (int k = 0; k < D; ++k)
+        lanes_.places[kLanes * (D * i + k) + lane] = is_heard ? given_.beacons[D * i + k] : 0;
+      lanes_.ranges[kLanes * i + lane] = is_heard ? given_.range[i] : 0;
+      lanes_.weights[kLanes * i + lane] = is_heard ? given_.weight[i] : 0;
+    }
+  }
+  for (int lane = first; lane < last; ++lane) {
+    lanes_.extent[lane] = extent_;
+    lanes_.rounding[lane] = 1e-14 * total_ * extent_;
+  }
+}
+
+/// A cell, halved so often along its longest sides.
+template <int D>
+void PositionSearch<D>::push(const Cell& cell, int halvings) {
+  const int first = stacked_;
+  stack_[stacked_++] = cell;
+  for (; halvings > 0; --halvings) {
+    for (int n = first, last = stacked_; n < last; ++n) {
+      int axis = 0;
+      for (int k = 1; k < D; ++k)
+        if (stack_[n].half[k] > stack_[n].half[axis]) axis = k;
+      stack_[n].half[axis] *= 0.5;
+      stack_[stacked_] = stack_[n];
+      stack_[stacked_++].centre[axis] += stack_[n].half[axis];
+      stack_[n].centre[axis] -= stack_[n].half[axis];
+    }
+  }
+}
+
 template <int D>
 void PositionSearch<D>::branch_and_bound() {
-  constexpr int kRoom = 1024;  // for up to kLanes of each of D halvings of the sides to 1e-12 of the first
-  Cell stack[kRoom];
-  int count = 0;
-  const auto push = [&](const Cell& cell, int halvings) {
-    const int first = count;
-    stack[count++] = cell;
-    for (; halvings > 0; --halvings) {
-      for (int n = first, last = count; n < last; ++n) {
-        int axis = 0;
-        for (int k = 1; k < D; ++k)
-          if (stack[n].half[k] > stack[n].half[axis]) axis = k;
-        stack[n].half[axis] *= 0.5;
-        stack[count] = stack[n];
-        stack[count++].centre[axis] += stack[n].half[axis];
-        stack[n].centre[axis] -= stack[n].half[axis];
-      }
-    }
-  };
-  for (int i = 0; i < given_.count; ++i)
-    for (int lane = 0; lane < kLanes; ++lane) given_.lanes[kLanes * i + lane] = given_.weight[i];
-  push({constant<D>(0), constant<D>(reach_), 0, 0}, 3);
-  while (count > 0) {
-    if (cells_ >= max_cells_ || count + kLanes * 2 > kRoom) {
-      is_complete_ = false;
-      return;
-    }
+  take_lanes(0, kLanes);
+  while (stacked_ > 0 && has_room()) {
     Judged judged[kLanes];
     int taken = 0, lanes = 0;
-    while (count > 0 && taken < kLanes && lanes < kLanes) {
-      judged[taken] = {stack[count - 1]};
+    while (stacked_ > 0 && taken < kLanes && lanes < kLanes) {
+      judged[taken] = {stack_[stacked_ - 1]};
       if (!prepare(judged[taken], lanes)) break;
-      --count;
+      --stacked_;
       ++cells_;
       if (judged[taken].cell.bound <= threshold()) lanes += judged[taken++].sets;
     }
@@ -816,7 +888,7 @@ void PositionSearch<D>::branch_and_bound() {
       int at = count_left++;  // the lowest one is searched first
       for (; at > 0 && judged[left[at - 1].of].cell.bound < judged[n].cell.bound; --at)
         left[at] = left[at - 1];
-      left[at] = {n, share > 0.4 ? 1 : 0};
+      left[at] = {n, share > kLittleLess ? 1 : 0};
     }
     const int more = count_left == 1 ? 2 : count_left == 2 ? 1 : 0;  // to fill the lanes
     for (int n = 0; n < count_left; ++n)
