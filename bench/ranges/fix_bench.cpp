@@ -13,10 +13,11 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <limits>
 #include <random>
 #include <vector>
+
+#include "count_of.hpp"
 
 namespace {
 
@@ -324,16 +325,19 @@ void with_outliers(int beacons, double within, int fixes) {
     errors.push_back(error(fix, tags.truth_of(tag)));
     of_inliers.push_back(error(right, tags.truth_of(tag)));
   }
-  std::printf("| %d | %d | %.0f | %.0f | %.1f | %d of %d | %zu | %.3f | %.3f |\n", Dim, beacons, within,
-              1e6 * total / fixes, 1e3 * slowest, proven, fixes, errors.size(), median(errors),
-              median(of_inliers));
+  std::printf("| %d | %d | %.0f | %.0f | %.1f | %d of %d | %zu | ", Dim, beacons, within, 1e6 * total / fixes,
+              1e3 * slowest, proven, fixes, errors.size());
+  if (errors.empty())
+    std::printf("- | - |\n");
+  else
+    std::printf("%.3f | %.3f |\n", median(errors), median(of_inliers));
   std::fflush(stdout);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  const int fixes = argc > 1 ? std::atoi(argv[1]) : 20'000, judged = argc > 2 ? std::atoi(argv[2]) : 1000;
+  const int fixes = argc > 1 ? count_of(argv[1]) : 20'000, judged = argc > 2 ? count_of(argv[2]) : 1000;
   if (argc > 3 || fixes < 1 || judged < 0) {
     std::fprintf(stderr,
                  "asterism-fix-bench [FIXES [JUDGED]]: numbers of fixes in each row, at least 1 and 0\n");

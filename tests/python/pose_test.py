@@ -760,6 +760,9 @@ class ToolTest(unittest.TestCase):
             ([self.files[0], "--pairs", "knee"], "expected LEFT:RIGHT"),
             ([self.files[0], "--pairs", "knee:tail"], "no joint is named tail"),
             ([other, "--pairs", "names"], "differ in left and right"),
+            ([self.files[0], "--details", self.files[0]], "would change the input"),
+            ([self.files[0], "--times", toml, "--details", toml], "would change the input"),
+            ([self.files[0], "--details", str(self.folder / "points.csv")], "is the file of --output"),
         ]
         for arguments, words in cases:
             with self.subTest(words):
@@ -768,6 +771,17 @@ class ToolTest(unittest.TestCase):
                 self.assertIn(words, errors)
                 self.assertEqual(errors.count("\n"), 1)
                 self.assertTrue(errors.startswith("asterism-pose: "))
+
+    def test_no_input_is_overwritten(self):
+        before = pathlib.Path(self.files[0]).read_bytes()
+        (self.folder / "link.csv").symlink_to(self.files[0])
+        for output, words in [(self.files[0], "would change the input"), (str(self.folder / "link.csv"), "would change the input"),
+                              (str(self.folder / "points.slp"), "expected a name that ends with .csv, .h5 or .hdf5")]:
+            errors = io.StringIO()
+            with self.subTest(output), contextlib.redirect_stderr(errors):
+                self.assertEqual(pose_tool.main([self.files[0], "--output", output]), 1)
+                self.assertIn(words, errors.getvalue())
+        self.assertEqual(pathlib.Path(self.files[0]).read_bytes(), before)
 
 
 class PageTest(unittest.TestCase):

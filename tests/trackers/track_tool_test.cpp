@@ -421,6 +421,9 @@ TEST_F(TrackTool, PrintsTheOptionsOfATracker) {
   EXPECT_NE(err_.find("...: 20 frames, "), std::string::npos) << err_;
   expect_error("--options dtp", {"unknown tracker 'dtp', did you mean 'dpt'?"}, false);
   expect_error("--options", {"--options"}, false);
+  expect_error(images + csv() + " --config " + folder_.string(), {"is a folder, not a file"}, false);
+  ASSERT_EQ(run(images + csv() + " --frames 1 --tracker kcf", false), 0) << err_;
+  EXPECT_EQ(err_, "kcf: 1 frame\n");
   if (fs::exists("/dev/full")) {
     EXPECT_NE(std::system((ASTERISM_TRACK_TOOL " --options dpt > /dev/full 2> " + path("err")).c_str()), 0);
   }

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <asterism/solver/base/edit_distance.hpp>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
@@ -135,8 +136,8 @@ void Term::set_loss(Loss loss, double scale, double sharpness) {
 
 void Term::set_nodes(Eigen::MatrixXi nodes) {
   if (nodes.rows() != arity())
-    raise(std::invalid_argument(std::string(kind_) + ": an element has " + std::to_string(arity()) +
-                                " nodes, not " + std::to_string(nodes.rows())));
+    raise(std::invalid_argument(std::string(kind_) + ": an element has " + detail::counted(arity(), "node") +
+                                ", not " + std::to_string(nodes.rows())));
   nodes_ = std::move(nodes);
   look_for_all_pairs();
 }
@@ -161,7 +162,7 @@ void Term::append(const Eigen::MatrixXi& nodes, std::span<const Eigen::MatrixXd>
   const auto wrong = [this](const std::string& what) {
     raise(std::invalid_argument(std::string(kind_) + ": " + what));
   };
-  if (nodes.rows() != arity()) wrong("an element has " + std::to_string(arity()) + " nodes");
+  if (nodes.rows() != arity()) wrong("an element has " + detail::counted(arity(), "node"));
   const auto is_none = [](const Column& c) { return c.values.size() == 0 && c.is_optional; };
   // Where the last element was removed, its numbers are left, and may be given for the new ones.
   const bool is_new =
@@ -176,8 +177,8 @@ void Term::append(const Eigen::MatrixXi& nodes, std::span<const Eigen::MatrixXd>
     if (next == values.size() ||
         values[next].rows() != std::max<Eigen::Index>(column.rows, column.values.rows()) ||
         values[next].cols() != nodes.cols())
-      wrong("new elements need " + std::to_string(column.rows) + " numbers of " + std::string(column.name) +
-            " each");
+      wrong("new elements need " + detail::counted(column.rows, "number") + " of " +
+            std::string(column.name) + " each");
     ++next;
   }
   if (next != values.size()) wrong("more columns of numbers than it has for each element");
@@ -230,7 +231,7 @@ std::string Term::defect(int node_count) const {
     const Eigen::MatrixXd& values = column.values;
     if (values.size() == 0 && (column.is_optional || size() == 0)) continue;
     if (values.rows() != column.rows && !(column.other_rows > 0 && values.rows() == column.other_rows))
-      return says(name, " must have ", std::to_string(column.rows), " numbers for each element");
+      return says(name, " must have ", detail::counted(column.rows, "number"), " for each element");
     if (values.cols() != size() && values.cols() != 1)
       return says(name, " must have one entry for each element, or one for all");
     for (Eigen::Index e = 0; e < values.cols(); ++e) {

@@ -1,6 +1,7 @@
 #include <asterism/parts/models/siamese.hpp>
 #include <asterism/parts/models/spatial_reliability.hpp>
 #include <asterism/solver/base/edit_distance.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/around/redetecting.hpp>
@@ -156,9 +157,11 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
   const std::vector<std::string> names = tracker_names();
   std::string plain;
   for (const char letter : name) plain += static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
-  const std::string of_opencv = plain.starts_with("opencv-") ? plain.substr(7) : plain;
-  std::string hint = detail::near_name(plain, names);
-  for (const char* each : {"csrt", "mil", "mosse", "medianflow", "tld", "boosting", "goturn", "dasiamrpn"}) {
+  const bool is_prefixed = plain.starts_with("opencv-") || plain.starts_with("opencv_");
+  const std::string of_opencv = is_prefixed ? plain.substr(7) : plain;
+  std::string hint = detail::near_name(detail::letters_of(name), names, detail::letters_of);
+  for (const char* each :
+       {"csrt", "mil", "mosse", "medianflow", "tld", "boosting", "goturn", "dasiamrpn", "nano", "vit"}) {
     if (of_opencv == each)
       hint = std::string(": it is OpenCV's, which asterism-eval runs as 'opencv-") + each +
              "'; our most accurate one is 'dpt_plus'";
