@@ -445,6 +445,8 @@ class FuseTest(unittest.TestCase):
             ((seen, np.full((3, 20, 4), 2.0), cameras), {}, "confidence: expected 0 to 1, found 2.0 in view"),
             ((seen, np.ones((3, 20, 5)), cameras), {}, "confidence: expected shape"),
             ((seen, None, cameras), {"times": times}, "times: expected rising times, found 6.0 before 6.0 at frame 7"),
+            ((seen, None, cameras), {"times": 1e-300 * np.arange(20)}, "times: another unit is needed for 20 times between 0.0 and 1.9e-299"),
+            ((seen, None, cameras), {"times": 1e300 * np.arange(20)}, "times: another unit is needed"),
             ((seen, None, cameras), {"times": np.full(20, np.nan)}, "times: expected finite numbers"),
             ((seen, None, cameras, [(0, 4)]), {}, "skeleton: expected pairs of two joints, 0 to 3"),
             *(((seen, None, cameras, limbs), {}, "skeleton: expected pairs") for limbs in ([(1, 1)], [0, 1, 2], [(0, 1, 2), (0, 2, 3)], [(0, 1), (2,)], [(0.0, 1.0)], 3)),

@@ -1088,6 +1088,9 @@ class JsonTest(unittest.TestCase):
             ):
                 with self.subTest(ascii(origin)), self.assertRaisesRegex(error, "^the system cannot be written: "):
                     asterism.write_systems(path, [asterism.StoredSystem(system, x, "", origin)])
+            for systems, message in ((3, "systems: expected a list of StoredSystems, found int"), ([3], "systems: expected StoredSystems, found int")):
+                with self.subTest(message), self.assertRaisesRegex(TypeError, message):
+                    asterism.write_systems(path, systems)
             for name, error in (("\ud800", ValueError), (7, TypeError)):
                 with self.assertRaisesRegex(error, "^the system cannot be written: its name"):
                     asterism.write_systems(path, [asterism.StoredSystem(system, x, name)])
