@@ -110,7 +110,9 @@ class RunCommand {
       add_named(named, "trax:", "--external takes NAME=COMMAND or NAME=python:MODULE:CLASS");
     std::vector<std::string> names;
     for (const auto& [name, tracker] : campaign.trackers) names.push_back(name);
-    if (names.empty()) throw std::invalid_argument("no tracker: --trackers, --tracker or --external");
+    if (names.empty())
+      throw std::invalid_argument(
+          "no tracker: give --trackers, such as --trackers dpt_plus,opencv-csrt, or --tracker or --external");
     for (const std::string& name : rerun_)
       if (!campaign.trackers.contains(name))
         throw std::invalid_argument("--rerun " + name + ": no tracker of this run");
@@ -292,7 +294,7 @@ class ExportGot10kCommand : public ExportCommand {
       std::printf("%s: to be sent are the contents of it, zipped\n", (out() / name).c_str());
       if (repeated > 0)
         std::fprintf(stderr, "%s has no box in %s: the box of the frame before stands there\n", name.c_str(),
-                     detail::counted(repeated, "frame").c_str());
+                     asterism::detail::counted(repeated, "frame").c_str());
     }
     return 0;
   }
@@ -310,7 +312,7 @@ class ExportFramesCommand : public ExportCommand {
   int run() const {
     const Campaign results = campaign();
     std::printf("%s: %s\n", out().c_str(),
-                detail::counted(export_frames(results, names(results), out()), "frame").c_str());
+                asterism::detail::counted(export_frames(results, names(results), out()), "frame").c_str());
     return 0;
   }
 };
