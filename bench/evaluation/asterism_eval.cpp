@@ -1,6 +1,7 @@
 // asterism-eval: trackers on annotated sequences, by the protocols of VOT and OTB.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <charconv>
 #include <cmath>
 #include <csignal>
@@ -109,7 +110,9 @@ class RunCommand {
       add_named(named, "trax:", "--external takes NAME=COMMAND or NAME=python:MODULE:CLASS");
     std::vector<std::string> names;
     for (const auto& [name, tracker] : campaign.trackers) names.push_back(name);
-    if (names.empty()) throw std::invalid_argument("no tracker: --trackers, --tracker or --external");
+    if (names.empty())
+      throw std::invalid_argument(
+          "no tracker: give --trackers, such as --trackers dpt_plus,opencv-csrt, or --tracker or --external");
     for (const std::string& name : rerun_)
       if (!campaign.trackers.contains(name))
         throw std::invalid_argument("--rerun " + name + ": no tracker of this run");
@@ -143,7 +146,8 @@ class RunCommand {
     const CampaignTally tally =
         run_campaign(campaign, names, protocols,
                      {workers_, processes.shard(), [] { return stop_signal() != 0; }, timeout_, retries_});
-    std::fprintf(stderr, "%zu runs made, %zu were there", tally.runs, tally.kept);
+    std::fprintf(stderr, "%s made, %zu stored before", asterism::detail::counted(tally.runs, "run").c_str(),
+                 tally.kept);
     if (tally.failed > 0)
       std::fprintf(stderr, "; trackers threw in %zu: *_errors.log beside their results", tally.failed);
     std::fprintf(stderr, "\n");
@@ -289,8 +293,8 @@ class ExportGot10kCommand : public ExportCommand {
       const std::size_t repeated = export_got10k(results, name, out() / name);
       std::printf("%s: to be sent are the contents of it, zipped\n", (out() / name).c_str());
       if (repeated > 0)
-        std::fprintf(stderr, "%s has no box in %zu frames, which have the one before\n", name.c_str(),
-                     repeated);
+        std::fprintf(stderr, "%s has no box in %s: the box of the frame before stands there\n", name.c_str(),
+                     asterism::detail::counted(repeated, "frame").c_str());
     }
     return 0;
   }
@@ -307,7 +311,8 @@ class ExportFramesCommand : public ExportCommand {
 
   int run() const {
     const Campaign results = campaign();
-    std::printf("%s: %zu frames\n", out().c_str(), export_frames(results, names(results), out()));
+    std::printf("%s: %s\n", out().c_str(),
+                asterism::detail::counted(export_frames(results, names(results), out()), "frame").c_str());
     return 0;
   }
 };

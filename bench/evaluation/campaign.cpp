@@ -1,6 +1,7 @@
 #include "campaign.hpp"
 
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <atomic>
 #include <cctype>
 #include <chrono>
@@ -217,8 +218,8 @@ Trajectory Campaign::result(const std::string& tracker, const Sequence& sequence
                              std::string(to_string(run.protocol)) + " first");
   Trajectory trajectory = read_trajectory(stored);
   if (trajectory.frames.size() != sequence.length())
-    throw std::runtime_error(stored.string() + ": " + std::to_string(trajectory.frames.size()) +
-                             " frames, but the sequence has " + std::to_string(sequence.length()));
+    throw std::runtime_error(stored.string() + ": " + detail::counted(trajectory.frames.size(), "frame") +
+                             ", but the sequence has " + std::to_string(sequence.length()));
   return trajectory;
 }
 
@@ -250,6 +251,8 @@ Campaign read_campaign(const fs::path& folder, const fs::path& dataset) {
 
 void write_campaign(Campaign& campaign) {
   const fs::path file = campaign.folder / kFile;
+  if (fs::exists(campaign.folder) && !fs::is_directory(campaign.folder))
+    throw std::runtime_error(campaign.folder.string() + " is a file, not a folder");
   fs::create_directories(campaign.folder);
   // No other process may add its trackers between reading and writing.
   const FolderLock lock(campaign.folder, std::chrono::seconds(10));

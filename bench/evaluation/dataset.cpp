@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <asterism/solver/base/edit_distance.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <cstdio>
 #include <map>
 #include <opencv2/imgcodecs.hpp>
@@ -186,11 +187,10 @@ Dataset open_dataset(const fs::path& path, Layout layout, const std::vector<std:
   if (!first_reason.empty() && (dataset.sequences.empty() || missing != only.end()))
     throw std::runtime_error(first_reason);
   if (missing != only.end()) {
-    const auto name = [](const Found& f) { return f.path.stem().string(); };
-    fail(path, "no sequence \"" + *missing + "\"" +
-                   (search.found.empty() ? ""
-                                         : ", did you mean \"" +
-                                               name(*detail::nearest(*missing, search.found, name)) + "\"?"));
+    std::vector<std::string> known;
+    for (const Found& f : search.found) known.push_back(f.path.stem().string());
+    fail(path, "no sequence '" + *missing + "'" +
+                   detail::near_name(detail::letters_of(*missing), known, detail::letters_of));
   }
   if (dataset.sequences.empty())
     fail(path, "no annotated sequence" +

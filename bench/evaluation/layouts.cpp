@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <asterism/solver/base/counted.hpp>
 #include <cctype>
 #include <charconv>
 #include <cmath>
@@ -23,6 +24,7 @@ namespace asterism::bench {
 namespace {
 
 namespace fs = std::filesystem;
+using detail::counted;
 using Notes = std::vector<std::string>;
 
 [[noreturn]] void fail(const fs::path& file, std::size_t line, const std::string& reason) {
@@ -70,8 +72,8 @@ std::vector<Value> values_of(const fs::path& path) {
 }
 
 // "157 values, but 196 frames".
-std::string counts(std::size_t values, const std::string& what, std::size_t frames) {
-  return std::to_string(values) + " " + what + ", but " + std::to_string(frames) + " frames";
+std::string counts(const std::string& values, std::size_t frames) {
+  return values + ", but " + counted(frames, "frame");
 }
 
 // The values of all frames. `allowed` returns why a value is invalid, or nullptr. If there are too few, those
@@ -87,7 +89,7 @@ std::vector<double> frame_values(const fs::path& path, std::size_t frames, doubl
   if (result.size() != frames) {
     std::string rest = "those beyond the last frame are left out";
     if (result.size() < frames) rest = "the rest is taken for " + std::to_string(static_cast<int>(otherwise));
-    notes.push_back(path.string() + ": " + counts(result.size(), "values", frames) + ": " + rest);
+    notes.push_back(path.string() + ": " + counts(counted(result.size(), "value"), frames) + ": " + rest);
     result.resize(frames, otherwise);
   }
   return result;
@@ -137,9 +139,9 @@ void check_counts(Sequence& sequence, const fs::path& truth) {
   if (sequence.truth.size() == 1) sequence.truth.resize(sequence.images.size());
   if (sequence.images.size() == sequence.truth.size()) return;
   fail(truth, sequence.truth.size(),
-       std::to_string(sequence.truth.size()) + " boxes, but " + std::to_string(sequence.images.size()) +
-           " images (" + sequence.images.front().string() + " to " +
-           sequence.images.back().filename().string() + "): one of both is not whole, fetch it again");
+       counted(sequence.truth.size(), "box", "boxes") + ", but " + counted(sequence.images.size(), "image") +
+           " (" + sequence.images.front().string() + " to " + sequence.images.back().filename().string() +
+           "): one of both is not whole, fetch it again");
 }
 
 Sequence sequence_of(std::string name, std::vector<fs::path> images, const fs::path& truth) {
@@ -191,8 +193,8 @@ bool is_vot(const fs::path& path) { return has_ground_truth(path) || fs::is_regu
 void read_practical(Sequence& sequence, const fs::path& file, Notes& notes) {
   for (const Value& v : values_of(file)) sequence.practical.push_back(v.value);
   if (sequence.practical.size() == sequence.length()) return;
-  notes.push_back(file.string() + ": " + counts(sequence.practical.size(), "values", sequence.length()) +
-                  ": left out");
+  notes.push_back(file.string() + ": " +
+                  counts(counted(sequence.practical.size(), "value"), sequence.length()) + ": left out");
   sequence.practical.clear();
 }
 
@@ -210,7 +212,8 @@ std::vector<Sequence> read_vot(const fs::path& folder, Notes& notes) {
   const std::size_t boxes = sequence.length(), frames = sequence.images.size();
   if (boxes > 1 && boxes < frames) {  // as the toolkit does
     sequence.truth.resize(frames);
-    notes.push_back(truth.string() + ": " + counts(boxes, "regions", frames) + ": the rest is unknown");
+    notes.push_back(truth.string() + ": " + counts(counted(boxes, "region"), frames) +
+                    ": the rest is unknown");
   }
   check_counts(sequence, truth);
   for (const fs::path& file : entries_of(folder)) {
@@ -424,7 +427,8 @@ std::vector<Sequence> read_nfs(const fs::path& folder, Notes& notes) {
     each_eighth(occluded);
   }
   if (const std::size_t boxes = sequence.length(); boxes == images + 1 || boxes + 1 == images) {
-    notes.push_back(file.string() + ": " + counts(boxes, "boxes", images) + ": the last one is left out");
+    notes.push_back(file.string() + ": " + counts(counted(boxes, "box", "boxes"), images) +
+                    ": the last one is left out");
     sequence.images.resize(std::min(boxes, images));
     sequence.truth.resize(sequence.images.size());
   }
@@ -456,13 +460,13 @@ std::vector<Sequence> read_plain(const fs::path& path, Notes& notes) {
   const auto frames = static_cast<std::size_t>(source.position());
   if (frames == 0) fail(path, "no frame can be decoded");
   if (const auto missing = source.missing())
-    notes.push_back(path.string() + ": about " + std::to_string(missing->count) +
-                    " frames are missing, the first after frame " + std::to_string(missing->after) +
+    notes.push_back(path.string() + ": frames are missing, about " + std::to_string(missing->count) +
+                    ", the first after frame " + std::to_string(missing->after) +
                     ": boxes may belong to other frames");
   if (sequence.truth.size() == 1) sequence.truth.resize(frames);
   if (sequence.truth.size() != frames)
     fail(truth, sequence.truth.size(),
-         counts(sequence.truth.size(), "boxes", frames) + " in " + path.string() +
+         counts(counted(sequence.truth.size(), "box", "boxes"), frames) + " in " + path.string() +
              ": a box a frame is needed, or the first alone");
   return {std::move(sequence)};
 }

@@ -1,6 +1,7 @@
 #include "report.hpp"
 
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <cctype>
 #include <cmath>
 #include <limits>
@@ -12,6 +13,8 @@
 
 namespace asterism::bench {
 namespace {
+
+using detail::counted;
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
@@ -81,10 +84,6 @@ std::string joined(const std::vector<std::string>& parts, const std::string& sep
   std::string result;
   for (std::size_t i = 0; i < parts.size(); ++i) result += (i > 0 ? separator : "") + parts[i];
   return result;
-}
-
-std::string counted(std::size_t count, const std::string& what) {
-  return std::to_string(count) + " " + what + (count == 1 ? "" : "s");
 }
 
 std::string lengths_text(const StatedInterval& interval) {

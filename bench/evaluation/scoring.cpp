@@ -1,6 +1,7 @@
 #include "scoring.hpp"
 
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -14,7 +15,7 @@ constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 void check_length(const Trajectory& trajectory, std::size_t frames, const Sequence& sequence) {
   if (trajectory.frames.size() != frames)
     throw std::runtime_error("a result on " + sequence.name + " has " +
-                             std::to_string(trajectory.frames.size()) + " frames, not " +
+                             detail::counted(trajectory.frames.size(), "frame") + ", not " +
                              std::to_string(frames));
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <asterism/solver/base/counted.hpp>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
@@ -143,7 +144,7 @@ std::optional<std::vector<double>> read_values(const fs::path& path, std::size_t
   }
   if (values.size() != frames)
     fail(path, values.size(),
-         std::to_string(values.size()) + " values, but " + std::to_string(frames) + " frames");
+         detail::counted(values.size(), "value") + ", but " + detail::counted(frames, "frame"));
   return values;
 }
 
@@ -158,7 +159,7 @@ std::vector<double> read_time_column(const fs::path& path, std::size_t run, std:
   }
   if (times.size() != frames)
     fail(path, times.size(),
-         std::to_string(times.size()) + " times, but " + std::to_string(frames) + " frames");
+         detail::counted(times.size(), "time") + ", but " + detail::counted(frames, "frame"));
   return times;
 }
 
@@ -228,8 +229,8 @@ void write_trajectory(const fs::path& file, const Trajectory& trajectory) {
   if (!file.parent_path().empty()) fs::create_directories(file.parent_path());
   for (const auto& [name, values] : trajectory.values) {
     if (values.size() != trajectory.frames.size())
-      throw std::invalid_argument("a trajectory has " + std::to_string(trajectory.frames.size()) +
-                                  " frames, but " + std::to_string(values.size()) + " of its " + name);
+      throw std::invalid_argument("a trajectory has " + detail::counted(trajectory.frames.size(), "frame") +
+                                  ", but " + std::to_string(values.size()) + " of its " + name);
     std::string text;
     for (const double value : values) text += text_of(value) + '\n';
     write_atomically(file.parent_path() / (file.stem().string() + "_" + name + ".value"), text);

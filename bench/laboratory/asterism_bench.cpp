@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "bars.hpp"
+#include "command_line.hpp"
 #include "crossovers.hpp"
 #ifdef ASTERISM_BENCH_PETSC
 #include "distributed.hpp"
@@ -300,7 +301,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
     if (e.get_exit_code() == 0) return app.exit(e);
-    std::fprintf(stderr, "asterism-bench: %s\n", e.what());
+    std::fprintf(stderr, "asterism-bench: %s\n", asterism::tools::problem_with(app, e).c_str());
     return 2;
   }
   for (const std::filesystem::path& plugin : plugins) load_plugin(plugin);

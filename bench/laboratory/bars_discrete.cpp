@@ -113,7 +113,7 @@ void loops(Bars& bars, int stars) {
       closed += summary.status == Status::Converged;
     }
     bars.line(format("4 parts, all pairs, 128 x 128, weight %g", weight),
-              format("%.1f ms, %.0f iterations; gap closed: %d of %d", 1e3 * median(seconds),
+              format("%.1f ms, iterations: %.0f; gap closed: %d of %d", 1e3 * median(seconds),
                      median(iterations), closed, stars),
               "-", "-", true, true);
     bars.line("  gap, worst", format("%.2g", *std::max_element(gaps.begin(), gaps.end())), "-", "-", true,

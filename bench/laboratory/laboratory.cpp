@@ -97,8 +97,10 @@ std::vector<SolverEntry> solvers_named(const std::string& list) {
     const auto at =
         std::find_if(all.begin(), all.end(), [&](const SolverEntry& entry) { return entry.name == name; });
     if (at == all.end()) {
-      throw std::invalid_argument("no solver is named " + name + "; the nearest is " +
-                                  detail::nearest(name, all, &SolverEntry::name)->name);
+      std::vector<std::string> known;
+      for (const SolverEntry& entry : all) known.push_back(entry.name);
+      throw std::invalid_argument("unknown solver '" + name + "'" + detail::near_name(name, known) +
+                                  detail::known_names(known));
     }
     result.push_back(*at);
   }

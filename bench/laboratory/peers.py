@@ -468,9 +468,14 @@ def median_seconds(solve: Callable[[], Any], repeats: int) -> float:
     return statistics.median(seconds)
 
 
+def counted(count: int, what: str) -> str:
+    """ "1 link", "2 links"."""
+    return f"{count} {what}" + "s" * (count != 1)
+
+
 def print_table(system: System, chosen: list[Solver], limits: Limits, repeats: int) -> None:
     print(
-        f"\n{system.name}: {len(system.start)} nodes, {len(system.links)} links,"
+        f"\n{system.name}: {counted(len(system.start), 'node')}, {counted(len(system.links), 'link')},"
         f" energy at the start {system.energy(system.start):.15g}"
     )
     lines = []

@@ -13,10 +13,11 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <limits>
 #include <random>
 #include <vector>
+
+#include "count_of.hpp"
 
 namespace {
 
@@ -39,11 +40,11 @@ struct Tags {
 
   /// `is_flat`: the beacons of a tag are on one line (in space: in one plane). `longer`: the share of ranges
   /// that are too long by up to 10 m.
-  Tags(int count, int beacon_count, double deviation, bool is_flat, double longer, unsigned seed)
+  Tags(int count, int beacon_count, double deviation, bool is_flat, double longer, int seed)
       : beacons_per_tag(beacon_count),
         sigma(deviation),
         sigmas(static_cast<std::size_t>(beacon_count), deviation) {
-    std::mt19937_64 generator(seed);
+    std::mt19937_64 generator(static_cast<unsigned>(seed));
     std::normal_distribution<double> normal;
     std::uniform_real_distribution<double> in_room(0, 10), share(0, 1);
     for (int tag = 0; tag < count; ++tag) {
@@ -255,7 +256,7 @@ void judge(const Tags<Dim>& tags, int judged, Verdict& verdict) {
 }
 
 template <int Dim>
-void least_squares(int beacons, bool is_flat, int fixes, int judged, unsigned seed) {
+void least_squares(int beacons, bool is_flat, int fixes, int judged, int seed) {
   const Tags<Dim> tags(fixes, beacons, 0.1, is_flat, 0, seed);
   int proven = 0, closed = 0;
   const double start = cpu_seconds();
@@ -297,7 +298,7 @@ double median(std::vector<double> of) {
 }
 
 template <int Dim>
-void with_outliers(int beacons, double within, int fixes, unsigned seed) {
+void with_outliers(int beacons, double within, int fixes, int seed) {
   const Tags<Dim> tags(fixes, beacons, 0.1, false, 0.3, seed);
   asterism::LocateOptions options;
   options.cutoff = 3;
@@ -324,21 +325,22 @@ void with_outliers(int beacons, double within, int fixes, unsigned seed) {
     errors.push_back(error(fix, tags.truth_of(tag)));
     of_inliers.push_back(error(right, tags.truth_of(tag)));
   }
-  std::printf("| %d | %d | %.0f | %.0f | %.1f | %d of %d | %zu | %.3f | %.3f |\n", Dim, beacons, within,
-              1e6 * total / fixes, 1e3 * slowest, proven, fixes, errors.size(), median(errors),
-              median(of_inliers));
+  std::printf("| %d | %d | %.0f | %.0f | %.1f | %d of %d | %zu | ", Dim, beacons, within, 1e6 * total / fixes,
+              1e3 * slowest, proven, fixes, errors.size());
+  if (errors.empty())
+    std::printf("- | - |\n");
+  else
+    std::printf("%.3f | %.3f |\n", median(errors), median(of_inliers));
   std::fflush(stdout);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  const int fixes = argc > 1 ? std::atoi(argv[1]) : 20'000, judged = argc > 2 ? std::atoi(argv[2]) : 1000;
-  const unsigned seed = argc > 3 ? static_cast<unsigned>(std::atoi(argv[3])) : 1;
-  if (argc > 4 || fixes < 1 || judged < 0) {
-    std::fprintf(
-        stderr,
-        "asterism-fix-bench [FIXES [JUDGED [SEED]]]: numbers of fixes in each row, at least 1 and 0\n");
+  const int fixes = argc > 1 ? count_of(argv[1]) : 20'000, judged = argc > 2 ? count_of(argv[2]) : 1000;
+  const int seed = argc > 3 ? count_of(argv[3]) : 1;
+  if (argc > 4 || fixes < 1 || judged < 0 || seed < 0) {
+    std::fprintf(stderr, "asterism-fix-bench [FIXES [JUDGED [SEED]]]: fixes in each row, at least 1 and 0\n");
     return 2;
   }
   std::printf(

@@ -12,7 +12,6 @@
 #include <cmath>
 #include <complex>
 #include <cstdio>
-#include <cstdlib>
 #include <fstream>
 #include <iterator>
 #include <limits>
@@ -29,6 +28,8 @@
 #pragma GCC diagnostic ignored "-Wpedantic"
 #include <ceres/ceres.h>
 #pragma GCC diagnostic pop
+
+#include "count_of.hpp"
 
 namespace {
 
@@ -265,8 +266,11 @@ void stream(int count) {
 
 int main(int argc, char** argv) {
   if (argc == 3 && std::string(argv[1]) == "--stream") {
-    stream(std::atoi(argv[2]));
-    return 0;
+    if (const int steps = count_of(argv[2]); steps > 0) {
+      stream(steps);
+      return 0;
+    }
+    argc = 0;
   }
   if (argc != 2) {
     std::fprintf(stderr, "asterism-path-bench FILE.pyfg, or --stream N\n");

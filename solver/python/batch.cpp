@@ -2,6 +2,7 @@
 
 #include <pybind11/stl.h>
 
+#include <asterism/solver/base/counted.hpp>
 #include <optional>
 
 #include "bindings.hpp"
@@ -50,7 +51,7 @@ void def_values(py::class_<AnyBatch>& type, const char* name, View view, const c
       name, [view](const py::object& self) { return view(self); },
       [view, name](const py::object& self, const py::object& values) {
         const Exclusive use(self.cast<AnyBatch&>().busy, "this asterism.SpringBatch");
-        view(self).attr("__setitem__")(py::ellipsis(), numbers(values, name));
+        assign(view(self), values, name);
       },
       doc);
 }
@@ -277,8 +278,8 @@ void bind_batch(py::module_& m) {
           "Number of systems M.")
       .def("__repr__", [](AnyBatch& self) {
         return self.visit([](auto& b) {
-          return "<asterism.SpringBatch: " + std::to_string(b.size()) + " systems of " +
-                 std::to_string(b.nodes()) + " nodes, dim " + std::to_string(b.kDim) + ">";
+          return "<asterism.SpringBatch: " + detail::counted(b.size(), "system") + " of " +
+                 detail::counted(b.nodes(), "node") + ", dim " + std::to_string(b.kDim) + ">";
         });
       });
   def_verdict<int>(

@@ -190,6 +190,19 @@ inline py::array_t<double> numbers(const py::object& object, const char* name, c
   return array;
 }
 
+/// Assigns numbers to all of an array, by NumPy's rules for shapes that differ; ValueError where they do not
+/// fit.
+inline void assign(const py::array& to, const py::object& values, const char* name) {
+  const py::array from = numbers(values, name);
+  try {
+    to.attr("__setitem__")(py::ellipsis(), from);
+  } catch (const py::error_already_set& error) {
+    if (!error.matches(PyExc_ValueError)) throw;
+    throw py::value_error(std::string(name) + ": expected shape " + text_of(shape_of(to)) + ", found " +
+                          text_of(shape_of(from)));
+  }
+}
+
 /// The given array, for a result to be written into. TypeError or ValueError, which describes what is
 /// expected, if that cannot be done without a copy.
 inline py::array_t<double> output(const py::object& object, const char* name, const Shape& shape) {

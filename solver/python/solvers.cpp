@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <asterism/solver/problem/validate.hpp>
 #include <cstring>
 #include <optional>
@@ -218,7 +219,8 @@ void bind_solvers(py::module_& m) {
              std::ostringstream text;
              text << "<asterism.Summary: " << self.status;
              if (self.usable())
-               text << ", " << self.iterations << " iterations, energy " << self.final_energy << ">";
+               text << ", " << detail::counted(self.iterations, "iteration") << ", energy "
+                    << self.final_energy << ">";
              else
                text << ": " << self.message << ">";
              return text.str();

@@ -151,7 +151,9 @@ class PythonCallback {
       std::copy_n(at.x.data(), at.x.size(), x.mutable_data());
       const py::object result = callable_(at.number, x, at.energy, at.gradient_norm);
       if (!is_unchanged_()) throw std::runtime_error("on_iteration changed the system that is solved");
-      return result.is_none() || result.cast<bool>();
+      const int goes_on = result.is_none() ? 1 : PyObject_IsTrue(result.ptr());
+      if (goes_on < 0) throw py::error_already_set();
+      return goes_on > 0;
     } catch (...) {
       raised_ = std::current_exception();
       return false;
@@ -172,6 +174,8 @@ template <typename S, typename IsUnchanged>
 Summary run(AnySolver<S>& solver, const S& system, typename S::Points& x, const py::object& on_iteration,
             bool is_long, IsUnchanged is_unchanged) {
   std::optional<PythonCallback<IsUnchanged>> callback;
+  if (!on_iteration.is_none() && PyCallable_Check(on_iteration.ptr()) == 0)
+    throw py::type_error("on_iteration: expected a function, found " + type_name(on_iteration));
   if (!on_iteration.is_none()) callback.emplace(on_iteration, std::move(is_unchanged));
   const auto work = [&](const std::atomic<bool>& stop) {
     SolverOptions& common = solver.options();

@@ -4,6 +4,7 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/terms/kinds.hpp>
 #include <asterism/solver/terms/registry.hpp>
@@ -60,7 +61,7 @@ MatrixXi nodes_of(const py::object& object, const char* name, int arity, int nod
     if (node < 0 || node >= node_count) {
       throw py::value_error(std::string(name) + ": node " + std::to_string(node) + " of element " +
                             std::to_string(k / nodes.rows()) + " is out of range (" +
-                            std::to_string(node_count) + " nodes)");
+                            detail::counted(node_count, "node") + ")");
     }
     nodes.data()[k] = static_cast<int>(node);
   }
@@ -420,7 +421,7 @@ bool is_large(const TermSystem& self) {
 int checked_node(const asterism::System& system, int node) {
   if (node >= 0 && node < system.nodes()) return node;
   throw py::index_error("node " + std::to_string(node) + " is out of range (" +
-                        std::to_string(system.nodes()) + " nodes)");
+                        detail::counted(system.nodes(), "node") + ")");
 }
 
 /// An argument for a column: that column, the argument's name, and its value.
@@ -536,7 +537,9 @@ void append(TermHandle& self, const py::object& nodes, const py::kwargs& given) 
 }
 
 std::string contents(const Term& term) {
-  std::string text = std::to_string(term.size()) + " " + std::string(term.kind());
+  std::string kind(term.kind());
+  if (term.size() == 1 && kind.ends_with('s')) kind.pop_back();
+  std::string text = std::to_string(term.size()) + " " + kind;
   for (const Choice& choice : term.choices()) {
     if (choice.value != 0)
       text += ", " + std::string(choice.name) + " " + std::string(term.chosen(choice.name));
@@ -673,7 +676,7 @@ void bind_term(py::module_& m) {
             for (const std::int64_t element : list) {
               if (element < 0 || element >= term.size())
                 throw py::index_error("element " + std::to_string(element) + " is out of range (" +
-                                      std::to_string(term.size()) + " elements)");
+                                      detail::counted(term.size(), "element") + ")");
               gone.push_back(static_cast<int>(element));
             }
             term.remove(gone);
@@ -752,7 +755,7 @@ void bind_solution(py::module_& m) {
           "those by the points: for each term a dict with an array of the shape of each column, None for\n"
           "none; 0 for the parameters of losses. ValueError for a term that is not differentiable.")
       .def("__repr__", [](const BoundSolution& self) {
-        return "<asterism.Solution: " + std::to_string(self.system().nodes()) + " nodes, dim " +
+        return "<asterism.Solution: " + detail::counted(self.system().nodes(), "node") + ", dim " +
                std::to_string(self.system().dim()) + ">";
       });
 }
@@ -880,7 +883,7 @@ void bind_system(py::module_& m) {
           "add_nodes",
           [](TermSystem& self, int count) {
             if (count < 0 || count > std::numeric_limits<int>::max() - self.system().nodes())
-              throw py::value_error("count: " + std::to_string(count) + " nodes cannot be added");
+              throw py::value_error("count: " + detail::counted(count, "node") + " cannot be added");
             self.change().add_nodes(count);
           },
           py::arg("count").noconvert(), "Adds nodes at the end.")
@@ -1136,7 +1139,7 @@ void bind_system(py::module_& m) {
            "second derivatives; numpy.linalg.LinAlgError where the Hessian is not positive definite.")
       .def("__repr__", [](const TermSystem& self) {
         const asterism::System& system = self.system();
-        std::string text = "<asterism.System: " + std::to_string(system.nodes()) + " nodes, dim " +
+        std::string text = "<asterism.System: " + detail::counted(system.nodes(), "node") + ", dim " +
                            std::to_string(system.dim());
         constexpr int kShown = 8;
         for (int t = 0; t < std::min(system.term_count(), kShown); ++t)

@@ -4,6 +4,7 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/hessian.hpp>
 #include <asterism/solver/energy/sensitivity.hpp>
@@ -88,7 +89,7 @@ void def_values(py::class_<AnySystem>& type, const char* name, Member member, co
   };
   const auto set = [view, name](const py::object& self, const py::object& values) {
     self.cast<AnySystem&>().change([](auto&) {});
-    view(self).attr("__setitem__")(py::ellipsis(), numbers(values, name));
+    assign(view(self), values, name);
   };
   type.def_property(name, view, set, doc);
 }
@@ -128,8 +129,8 @@ void def_optional_points(py::class_<AnySystem>& type, const char* name, Member m
 int checked_node(AnySystem& self, int node) {
   const int nodes = self.visit([](auto& system) { return system.nodes(); });
   if (node >= 0 && node < nodes) return node;
-  throw py::index_error("node " + std::to_string(node) + " is out of range (" + std::to_string(nodes) +
-                        " nodes)");
+  throw py::index_error("node " + std::to_string(node) + " is out of range (" +
+                        detail::counted(nodes, "node") + ")");
 }
 
 /// f(system, x) without the GIL; ValueError for values that a solver would refuse.
@@ -236,8 +237,8 @@ void bind_systems(py::module_& m) {
             return valid(Topology<>::from_links(fields[0].cast<int>(), links_of(fields[1])));
           }))
       .def("__repr__", [](const Topology<>& self) {
-        return "<asterism.Topology: " + std::to_string(self.nodes()) + " nodes, " +
-               std::to_string(self.link_count()) + " links>";
+        return "<asterism.Topology: " + detail::counted(self.nodes(), "node") + ", " +
+               detail::counted(self.link_count(), "link") + ">";
       });
 
   py::class_<AnySystem> type(
@@ -356,8 +357,8 @@ void bind_systems(py::module_& m) {
           "Number of links L.")
       .def("__repr__", [](AnySystem& self) {
         return self.visit([](auto& s) {
-          return "<asterism.SpringSystem: " + std::to_string(s.nodes()) + " nodes, " +
-                 std::to_string(s.link_count()) + " links, dim " + std::to_string(s.kDim) + ">";
+          return "<asterism.SpringSystem: " + detail::counted(s.nodes(), "node") + ", " +
+                 detail::counted(s.link_count(), "link") + ", dim " + std::to_string(s.kDim) + ">";
         });
       });
 

@@ -215,9 +215,10 @@ const asterism_solver asterism_solver_plugin = {%s, "mine", "my own", 10, 10, mi
         for arguments, words in [
             (("solve", self.folder / "missing.json"), "missing.json"),
             (("solve", broken), "anchors is missing"),
-            (("solve", broken, "--solver", "newtom"), "the nearest is newton"),
+            (("solve", broken, "--solver", "newtom"), "unknown solver 'newtom', did you mean 'newton'?"),
             (("convergence", "--kinds", "lid"), "lid"),
             ((), "subcommand"),
+            (("frobnicate",), "unknown argument frobnicate (commands: "),
         ]:
             result = run(*arguments)
             self.assertNotEqual(result.returncode, 0)

@@ -133,7 +133,7 @@ class Peers(unittest.TestCase):
         result = run(path)
         self.assertEqual((result.returncode, result.stderr), (0, ""))
         self.assertIn("For context", result.stdout)
-        self.assertIn("pair: 2 nodes, 1 links", result.stdout)
+        self.assertIn("pair: 2 nodes, 1 link,", result.stdout)
         self.assertIn("system 1: 3 nodes, 3 links", result.stdout)
         lines = [line.split() for line in result.stdout.splitlines() if line.startswith("numpy-ida")]
         self.assertEqual([line[1] for line in lines], ["converged"] * 2)

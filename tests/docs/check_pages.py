@@ -10,6 +10,7 @@
   first copies the files into the pages. Every file of docs/examples is on a page, those of its folders by a link, and every C++ file
   is built.
 - Figures that a page takes from another one are those of that page (figures.py says how they are marked); --update copies them.
+- Lines of prose have at most 150 columns, except on the pages that are made by programs.
 - Every link to a file, and every anchor in a page of ours, is there; URLs of others are well formed.
 
 TOOL: the built programs, to be asked for their help; commands of others of ours are not read.
@@ -34,6 +35,8 @@ KEYWORDS = {'do', 'done', 'then', 'fi', 'else', '(', ')', '{', '}'}
 
 
 SHOWN = re.compile(r'<!-- file: (\S+) -->')
+MAX_COLUMNS = 150
+MADE = {'docs/options.md', 'docs/python-reference.md'}  # by docs/options_page.py and docs/python_reference_page.py
 MAX_README_LINES = 12  # of a program, without blank lines and includes: one screen
 
 
@@ -60,6 +63,10 @@ def problems_of(root, tools):
             yield f'{name}:{line}: {problem}'
         for line, problem in link_problems(root, page, lines):
             yield f'{name}:{line}: {problem}'
+        for number, line in outside_of_blocks(lines) if name not in MADE else ():
+            columns = len(re.sub(r'<!--.*?-->', '', line))
+            if columns > MAX_COLUMNS and not line.lstrip().startswith(('|', '![', '$$')):
+                yield f'{name}:{number + 1}: {columns} columns, more than {MAX_COLUMNS}'
 
 
 def blocks(lines):

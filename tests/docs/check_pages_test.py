@@ -57,6 +57,7 @@ BAD = {
     'bench/none.py is not in the project': '```sh\npython3 bench/none.py\n```\n',
     'no option ASTERISM_UNKNOWN': '```sh\ncmake -DASTERISM_UNKNOWN=ON\n```\n',
     'no preset': '```sh\ncmake --preset none\n```\n',
+    '160 columns, more than 150': 'word ' * 31 + 'words\n',
     'there is no such file': '[x](docs/none.md)\n',
     'there is no such heading': '[x](docs/other.md#none)\n',
     'is no URL': '[x](https://nowhere)\n',
@@ -113,14 +114,15 @@ class CheckPages(unittest.TestCase):
     def test_figures_of_another_page(self):
         (self.root / 'docs/other.md').write_text(
             '# Other\n\n<!-- not run: x -->\n```text\n| no | A |\n|---|---|\n| mine | 7 |\n```\n\n| t | A | B |\n|---|---|---|\n| `mine` | **0.564** (0.5 to 0.6) | 16.6 |\n'
-            '| yours | 2 | 3 |\n\n## Later\n\n| t | A |\n|---|---|\n| mine | 9 |\n\n' + SHOWN)
+            '| yours | 2 | 3 |\n\n## Later\n\n| t | A |\n|---|---|\n| mine | 9 |\n\nIt takes some\n9.3 s here, and 4 ms or 5 ms there.\n\n' + SHOWN)
         mark = '<!-- figure of docs/other.md: mine, A -->'
         right = (f'It has 0.56{mark} and\n{"0.564" + mark}, **17**<!-- figure of docs/other.md: B, mine --> times, later 9<!-- figure of docs/other.md#later: mine, A -->.\n\n'
+                 'In 9<!-- figure of docs/other.md: "takes some # s here" --> s.\n\n'
                  '<!-- figures of docs/other.md: me = mine, size = B -->\n| | me | yours | third |\n|---|---|---|---|\n| A | **0.56** | 2.0 | 5 |\n| size | 16.6 | 3 | |\n| C | 1 | 2 | |\n\n'
                  '<!-- figures of docs/other.md -->\n| t | A |\n|---|---|\n| mine | 0.564 (0.5 to 0.6) |\n')
         self.assertEqual(self.problems(right), [])
-        for old, new, line in (('0.56<', '0.57<', 1), ('0.564<', '0.565<', 2), ('**17**', '**16**', 2), ('later 9', 'later 8', 2), ('**0.56**', '**0.55**', 7),
-                               ('| 3 | |', '| 4 | |', 8), ('to 0.6)', 'to 0.7)', 14)):
+        for old, new, line in (('0.56<', '0.57<', 1), ('0.564<', '0.565<', 2), ('**17**', '**16**', 2), ('later 9', 'later 8', 2), ('In 9', 'In 8', 4), ('**0.56**', '**0.55**', 9),
+                               ('| 3 | |', '| 4 | |', 10), ('to 0.6)', 'to 0.7)', 16)):
             with self.subTest(new):
                 found = self.problems(right.replace(old, new))
                 self.assertEqual(len(found), 1, found)
@@ -128,7 +130,8 @@ class CheckPages(unittest.TestCase):
                 check_pages.update(self.root)
                 self.assertEqual((self.root / 'README.md').read_text(), right)
         for text, problem in ((f'1{mark}'.replace('A -->', 'C -->'), 'docs/other.md has no figure in mine, C'), (f'1{mark}'.replace('other', 'none'), 'docs/none.md has no figure'),
-                              (f'1 {mark}', 'a figure has the form'), ('<!-- figures of docs/other.md -->\n| t | A |\n|---|---|\n| x | 1 |\n', 'have no figure of the next table')):
+                              ('9<!-- figure of docs/other.md: "takes # s" -->', 'docs/other.md has no figure in "takes # s"'),
+                              ('4<!-- figure of docs/other.md: "# ms" -->', 'has no figure in "# ms"'), (f'1 {mark}', 'a figure has the form'), ('<!-- figures of docs/other.md -->\n| t | A |\n|---|---|\n| x | 1 |\n', 'have no figure of the next table')):
             with self.subTest(text):
                 found = self.problems(text)
                 self.assertEqual(len(found), 1, found)

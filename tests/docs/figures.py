@@ -2,6 +2,8 @@
 
 - `0.375<!-- figure of docs/results/evaluation.md: dpt_plus, EAO -->` is the number in the row and the column, or the column and the row,
   of these names in the first table of the page that has both; PAGE.md#heading takes the tables of that section.
+- `9<!-- figure of docs/results/solver.md: "become some # s" -->` is the number at # in these words, which the page has once; it may
+  break the line within them.
 - `<!-- figures of docs/results/evaluation.md: its name here = its name there, .. -->` right before a table: each of its numbers whose row
   and column the other page's tables have. Names that are not listed are the same.
 
@@ -9,7 +11,7 @@ Names are without emphasis and marks of code. A number may be rounded; a cell wi
 """
 import re
 
-INLINE = re.compile(r'(?P<shown>[-+]?\d[\d.]*)(?P<stars>\**)<!-- figure of (?P<page>[^\s:]+): (?P<row>[^>]+?), (?P<column>[^,>]+?) -->')
+INLINE = re.compile(r'(?P<shown>[-+]?\d[\d.]*)(?P<stars>\**)<!-- figure of (?P<page>[^\s:]+): (?:"(?P<words>[^"#>]*#[^"#>]*)"|(?P<row>[^">]+?), (?P<column>[^,>]+?)) -->')
 WHOLE = re.compile(r'<!-- figures of (?P<page>[^\s:]+)(?:: (?P<names>.*))? -->')
 NUMBER = re.compile(r'[-+]?\d[\d.]*')
 
@@ -65,7 +67,7 @@ class Source:
     """The pages that others take figures from."""
 
     def __init__(self, root, slug):
-        self.root, self.slug, self.read = root, slug, {}
+        self.root, self.slug, self.read, self.texts = root, slug, {}, {}
 
     def tables_of(self, page):
         if page not in self.read:
@@ -84,6 +86,17 @@ class Source:
         return None
 
 
+    def in_words(self, page, words):
+        """The number at # in words that the page has once."""
+        if page not in self.texts:
+            path = self.root / page
+            text = path.read_text(encoding='utf-8') if path.is_file() else ''
+            self.texts[page] = ' '.join(re.sub(r'<!--.*?-->', '', text).split())
+        before, after = (re.escape(part) for part in words.split('#'))
+        found = re.findall(f'{before}({NUMBER.pattern}){after}', self.texts[page])
+        return found[0] if len(found) == 1 else None
+
+
 def wanted(shown, cell):
     """What a figure has to be, with as many decimals as it has."""
     if '(' in shown:
@@ -100,15 +113,18 @@ def corrected(lines, source):
     lines, problems = list(lines), []
     for number, line in enumerate(lines):
         def inline(found):
-            cell = source.cell(found['page'], found['row'], found['column'])
+            if found['words']:
+                cell, place = source.in_words(found['page'], found['words']), f'"{found["words"]}"'
+            else:
+                cell, place = source.cell(found['page'], found['row'], found['column']), f"{found['row']}, {found['column']}"
             if cell is None:
-                problems.append((number + 1, f"{found['page']} has no figure in {found['row']}, {found['column']}"))
+                problems.append((number + 1, f"{found['page']} has no figure in {place}"))
                 return found[0]
             return found[0].replace(found['shown'], wanted(found['shown'], cell), 1)
 
         lines[number] = INLINE.sub(inline, line)
         if '<!-- figure of' in INLINE.sub('', line):
-            problems.append((number + 1, 'a figure has the form NUMBER<!-- figure of PAGE: ROW, COLUMN -->'))
+            problems.append((number + 1, 'a figure has the form NUMBER<!-- figure of PAGE: ROW, COLUMN --> or NUMBER<!-- figure of PAGE: "WORDS # WORDS" -->'))
         if not (whole := WHOLE.fullmatch(line)):
             continue
         names = dict(pair.split(' = ') for pair in (whole['names'] or '').split(', ') if pair)

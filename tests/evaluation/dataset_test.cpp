@@ -261,8 +261,8 @@ TEST_F(DatasetTest, NamesFileAndLineOfWhatIsWrong) {
   fs::create_directories(root_ / "empty");
   expect_error("empty", {"empty: no annotated sequence"});
   vot();
-  expect_error("vot", {"no sequence \"cart\", did you mean \"car\"?"}, {"cart"});
-  expect_error("vot", {"no sequence \"Car\", did you mean \"car\"?"}, {"Car"});
+  expect_error("vot", {"no sequence 'cart', did you mean 'car'?"}, {"cart"});
+  expect_error("vot", {"no sequence 'CAR', did you mean 'car'?"}, {"CAR"});
   write("vot/list.txt", "car\ntruck\n");
   expect_left_out("vot", {"list.txt:2: ", "truck"});
   fs::remove(root_ / "vot/list.txt");

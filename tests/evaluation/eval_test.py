@@ -92,7 +92,7 @@ class Evaluation(unittest.TestCase):
     def test_layout_is_that_of_the_vot_toolkit(self):
         done = self.evaluate("--starts", 2)
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn("12 runs made, 0 were there", done.stderr)
+        self.assertIn("12 runs made, 0 stored before", done.stderr)
         names = set(self.results())
         self.assertIn("kcf/baseline/first/first_001.txt", names)
         self.assertIn("kcf/unsupervised/third/third_002.txt", names)
@@ -124,7 +124,7 @@ class Evaluation(unittest.TestCase):
         self.assertEqual(self.evaluate("--sequences", "first").returncode, 0)
         times = {f: f.read_text() for f in self.out.rglob("*.value")}
         again = self.evaluate("--trackers", "kcf", "--starts", 2)
-        self.assertIn("10 runs made, 2 were there", again.stderr)
+        self.assertIn("10 runs made, 2 stored before", again.stderr)
         for file, text in times.items():
             self.assertEqual(file.read_text(), text)
 
@@ -261,7 +261,7 @@ class Evaluation(unittest.TestCase):
         for image in images:
             image.write_bytes(whole[image])
         done = run("run", data, "--trackers", "kcf", "--out", out)
-        self.assertIn("2 runs made, 2 were there", done.stderr)
+        self.assertIn("2 runs made, 2 stored before", done.stderr)
         self.assertEqual(run("report", out).stderr, "")
         scores = json.loads((out / "report/report.json").read_text())["trackers"][0]
         self.assertEqual(set(scores["sequences"]), {"first", "second"})
@@ -353,7 +353,7 @@ class Evaluation(unittest.TestCase):
         # With its command corrected it can use the same folder.
         done = self.evaluate("--external", tracker("my", "stays"), "--sequences", "first", trackers=())
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn("2 runs made, 0 were there", done.stderr)
+        self.assertIn("2 runs made, 0 stored before", done.stderr)
         refused = self.evaluate("--external", "my=other", "--sequences", "first", trackers=())
         self.assertIn("choose another folder or --rerun my", refused.stderr)
 
@@ -368,7 +368,7 @@ class Evaluation(unittest.TestCase):
         marker.unlink()
         again = self.evaluate(*arguments, "--rerun", "slow", "--retries", 1, trackers=())
         self.assertEqual(again.returncode, 0, again.stderr)
-        self.assertIn("1 runs made, 0 were there\n", again.stderr)
+        self.assertIn("1 run made, 0 stored before\n", again.stderr)
         self.assertFalse(log.exists())
         self.assertIn("--rerun other", self.evaluate("--rerun", "other").stderr)
 
@@ -411,7 +411,7 @@ class Evaluation(unittest.TestCase):
         done = run("run", data, "--trackers", "kcf", "--protocol", "otb", "--out", self.out)
         self.assertEqual(done.returncode, 0, done.stderr)
         for words in ("s\\xFF: the name is not UTF-8", "lines of MOTChallenge", "CLIP.MP4: a video without CLIP.txt",
-                      "5 values, but 40 frames", "1 runs made"):
+                      "5 values, but 40 frames", "1 run made"):
             self.assertIn(words, done.stderr)
         self.assertEqual(run("report", self.out).returncode, 0)
         self.assertIn("lines of MOTChallenge", (self.out / "report/report.html").read_text())
@@ -473,6 +473,8 @@ class Evaluation(unittest.TestCase):
             (("run", self.root / "data", "--external", "a/b=true", "--out", self.out), "a/b"),
             (("run", self.root / "data", "--external", "true", "--out", self.out), "NAME=COMMAND"),
             (("run", self.root / "data", "--trackers", "kcf", "--out", "/proc/none"), "/proc/none"),
+            (("run", self.root / "data", "--trackers", "kcf", "--out", __file__), "eval_test.py is a file, not a folder"),
+            (("run", self.root / "data", "--trackers", "kcf", "--sequences", "nowhere", "--out", self.out), "no sequence 'nowhere'\n"),
             (("run", self.root / "data", "--trackers", "kcf", "--jitter", "nan", "--out", self.out), "--jitter"),
             ((), "subcommand"),
         ]:
@@ -756,7 +758,7 @@ class Report(unittest.TestCase):
         self.assertFalse(moved.exists())
         file = self.out / "results/kcf/sre/second/second_004.txt"
         text = file.read_text()
-        for damage, words in [(None, "--protocol sre"), ("x\n", ":1: "), ("1\n", "but 1 frames")]:
+        for damage, words in [(None, "--protocol sre"), ("x\n", ":1: "), ("1\n", "but 1 frame")]:
             file.unlink() if damage is None else file.write_text(damage)
             result = run("report", self.out, "--out", moved)
             self.assertEqual(result.returncode, 1)

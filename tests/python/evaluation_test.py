@@ -7,6 +7,7 @@ import shutil
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
 import asterism.evaluation
 
@@ -56,6 +57,14 @@ class EvaluationTest(unittest.TestCase):
         shutil.rmtree(self.report)
         with self.assertRaisesRegex(FileNotFoundError, "no report here"):
             asterism.evaluation.load(self.results)
+
+    def test_what_cannot_be_a_tracker(self):
+        for trackers, error, message in [
+            (3, TypeError, "expected a class, the name of a tracker, or a list of them, found an object of the type int"),
+            ([], ValueError, "evaluate: no tracker"),
+        ]:
+            with self.subTest(message), unittest.mock.patch("shutil.which", return_value="asterism-eval"), self.assertRaisesRegex(error, message):
+                asterism.evaluate(trackers, "sequences")
 
     def test_errors_name_file_and_line(self):
         for name, text, message in [

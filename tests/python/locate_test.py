@@ -140,6 +140,7 @@ class LocateTest(unittest.TestCase):
             ((SQUARE, [ones, [1, 1, 1, -1]], 1), {}, ValueError, "tag 1: range 3 is negative"),
             ((SQUARE, ones, 0), {}, ValueError, "sigma 0 is not a finite number > 0"),
             ((SQUARE, ones, NAN), {}, ValueError, "sigma 0 is not a finite number > 0"),
+            ((SQUARE, ones, 1e-300), {}, ValueError, "sigma 0 is too large or too small"),
             ((SQUARE, ones, [1, 1]), {}, ValueError, "sigma: expected a number or shape (4,)"),
             ((SQUARE, ones, "much"), {}, TypeError, "sigma: expected numbers"),
             ((SQUARE, [1, 1], 1), {}, ValueError, "beacons: expected shape (2, 2)"),

@@ -495,6 +495,8 @@ class FuseTest(unittest.TestCase):
             ((seen, np.full((3, 20, 4), 2.0), cameras), {}, "confidence: expected 0 to 1, found 2.0 in view"),
             ((seen, np.ones((3, 20, 5)), cameras), {}, "confidence: expected shape"),
             ((seen, None, cameras), {"times": times}, "times: expected rising times, found 6.0 before 6.0 at frame 7"),
+            ((seen, None, cameras), {"times": 1e-300 * np.arange(20)}, "times: another unit is needed for 20 times between 0.0 and 1.9e-299"),
+            ((seen, None, cameras), {"times": 1e300 * np.arange(20)}, "times: another unit is needed"),
             ((seen, None, cameras), {"times": np.full(20, np.nan)}, "times: expected finite numbers"),
             ((seen, None, cameras, [(0, 4)]), {}, "skeleton: expected pairs of two joints, 0 to 3"),
             *(((seen, None, cameras, limbs), {}, "skeleton: expected pairs") for limbs in ([(1, 1)], [0, 1, 2], [(0, 1, 2), (0, 2, 3)], [(0, 1), (2,)], [(0.0, 1.0)], 3)),
@@ -812,6 +814,9 @@ class ToolTest(unittest.TestCase):
             ([self.files[0], "--pairs", "knee"], "expected LEFT:RIGHT"),
             ([self.files[0], "--pairs", "knee:tail"], "no joint is named tail"),
             ([other, "--pairs", "names"], "differ in left and right"),
+            ([self.files[0], "--details", self.files[0]], "would change the input"),
+            ([self.files[0], "--times", toml, "--details", toml], "would change the input"),
+            ([self.files[0], "--details", str(self.folder / "points.csv")], "is the file of --output"),
         ]
         for arguments, words in cases:
             with self.subTest(words):
@@ -820,6 +825,17 @@ class ToolTest(unittest.TestCase):
                 self.assertIn(words, errors)
                 self.assertEqual(errors.count("\n"), 1)
                 self.assertTrue(errors.startswith("asterism-pose: "))
+
+    def test_no_input_is_overwritten(self):
+        before = pathlib.Path(self.files[0]).read_bytes()
+        (self.folder / "link.csv").symlink_to(self.files[0])
+        for output, words in [(self.files[0], "would change the input"), (str(self.folder / "link.csv"), "would change the input"),
+                              (str(self.folder / "points.slp"), "expected a name that ends with .csv, .h5 or .hdf5")]:
+            errors = io.StringIO()
+            with self.subTest(output), contextlib.redirect_stderr(errors):
+                self.assertEqual(pose_tool.main([self.files[0], "--output", output]), 1)
+                self.assertIn(words, errors.getvalue())
+        self.assertEqual(pathlib.Path(self.files[0]).read_bytes(), before)
 
 
 class PageTest(unittest.TestCase):

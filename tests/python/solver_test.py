@@ -290,6 +290,36 @@ class SolveTest(unittest.TestCase):
                     self.assertEqual([s[0] for s in seen], sorted({s[0] for s in seen}))
                     np.testing.assert_allclose(seen[-1][1], x, atol=1e-4)
 
+    def test_on_iteration_has_to_be_a_function(self):
+        system, start = random_system(6)
+        with self.assertRaisesRegex(TypeError, "on_iteration: expected a function, found int"):
+            asterism.solve(system, start.copy(), on_iteration=3)
+        with self.assertRaisesRegex(ValueError, "truth value"):
+            asterism.solve(system, start.copy(), on_iteration=lambda *_: np.zeros(2))
+        self.assertTrue(asterism.solve(system, start.copy(), on_iteration=lambda *_: "go on"))
+
+    def test_assigned_arrays_of_another_shape(self):
+        system, _ = random_system(6)
+        batch = asterism.SpringBatch(system.topology, 3)
+        for target, name, message in [
+            (system, "anchors", r"anchors: expected shape \(6, 2\), found \(4, 2\)"),
+            (system, "link_stiffness", r"link_stiffness: expected shape \(15,\), found \(4, 2\)"),
+            (batch, "anchors", r"anchors: expected shape \(3, 6, 2\), found \(4, 2\)"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
+                setattr(target, name, np.zeros((4, 2)))
+
+    def test_one_of_something_is_in_the_singular(self):
+        self.assertEqual(repr(asterism.Topology.full(2)), "<asterism.Topology: 2 nodes, 1 link>")
+        self.assertEqual(repr(asterism.SpringBatch(asterism.Topology.full(1), 1)), "<asterism.SpringBatch: 1 system of 1 node, dim 2>")
+        self.assertEqual(repr(asterism.mds(np.zeros((1, 1)))), "<asterism.Embedding: 1 node, dim 2, stress 0, proven least>")
+        system = asterism.System(1)
+        system.add_anchors([[1, 2]])
+        self.assertEqual(repr(system), "<asterism.System: 1 node, dim 2; 1 anchor>")
+        system, start = random_system(6)
+        summary = asterism.solve(system, start.copy(), "ida", max_iterations=1)
+        self.assertRegex(repr(summary), "<asterism.Summary: maximum number of iterations, 1 iteration, energy ")
+
     def test_on_iteration_ends_the_solve(self):
         system, start = random_system(6)
         x = start.copy()
@@ -1060,6 +1090,9 @@ class JsonTest(unittest.TestCase):
             ):
                 with self.subTest(ascii(origin)), self.assertRaisesRegex(error, "^the system cannot be written: "):
                     asterism.write_systems(path, [asterism.StoredSystem(system, x, "", origin)])
+            for systems, message in ((3, "systems: expected a list of StoredSystems, found int"), ([3], "systems: expected StoredSystems, found int")):
+                with self.subTest(message), self.assertRaisesRegex(TypeError, message):
+                    asterism.write_systems(path, systems)
             for name, error in (("\ud800", ValueError), (7, TypeError)):
                 with self.assertRaisesRegex(error, "^the system cannot be written: its name"):
                     asterism.write_systems(path, [asterism.StoredSystem(system, x, name)])

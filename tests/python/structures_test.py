@@ -185,6 +185,9 @@ class StructuresTest(unittest.TestCase):
         ]:
             with self.assertRaisesRegex(ValueError, message):
                 pictorial_structure(maps, joints, **options)
+        for arguments, message in (((3, []), "maps: expected a list of arrays, found int"), (([np.zeros((2, 2))], 3), "joints: expected a list of Joints, found int")):
+            with self.subTest(message), self.assertRaisesRegex(TypeError, message):
+                pictorial_structure(*arguments)
         with self.assertRaisesRegex(TypeError, "map 0: expected numbers, found <U3"):
             pictorial_structure(["map"], [])
         two, joint = [good, good], [Joint(0, 1)]

@@ -567,6 +567,17 @@ class SolveTest(unittest.TestCase):
         system.add_links([[0, 1]], 1)
         with self.assertRaisesRegex(np.linalg.LinAlgError, "not positive definite"):
             system.solution([[0, 0], [1, 0]])
+        # Where a link pushes nodes apart that coincide, the Hessian alone would be positive definite.
+        for kwargs in ({}, {"loss": "huber", "scale": 1}, {"law": "repulsion"}, {"law": "interval", "upper": 2}):
+            held = asterism.System(2)
+            held.add_links([[0, 1]], 1, **kwargs)
+            held.add_anchors(np.zeros((2, 2)))
+            with self.subTest(kwargs), self.assertRaisesRegex(np.linalg.LinAlgError, "pushes nodes 0 and 1 apart"):
+                held.solution(np.zeros((2, 2)))
+        held = asterism.System(2)
+        held.add_links([[0, 1]], 0)  # a length of 0 pushes nothing
+        held.add_anchors(np.zeros((2, 2)))
+        self.assertAlmostEqual(held.solution(np.zeros((2, 2))).covariance(0)[0, 0], 2 / 3)
         system.add_elements([[0, 1]], lambda p: (np.zeros(1), np.zeros((1, 2, 2))))
         with self.assertRaisesRegex(ValueError, "elements: the user's function gives no second derivatives"):
             system.solution([[0, 0], [1, 0]])

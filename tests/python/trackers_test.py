@@ -292,7 +292,7 @@ class TrackersTest(unittest.TestCase):
         for bad, error, message in [
             ({"grid_rows": np.float32(2.5)}, ValueError, "grid_rows"),
             ({"grid_rows": np.bool_(True)}, ValueError, "grid_rows"),
-            ({"overlap": math.nan}, ValueError, ""),
+            ({"overlap": math.nan}, ValueError, "options: expected finite numbers"),
             ({"overlap": np.float32(math.nan)}, ValueError, ""),
             ({"overlap": np.array([0.5])}, TypeError, "options: expected numbers, bools, names and dicts, found array"),
             ({"overlap": 1j}, TypeError, "options: expected numbers"),

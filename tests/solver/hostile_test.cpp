@@ -71,7 +71,8 @@ class Judge {
 
   Real energy(const Matrix& x) const { return evaluate(x, nullptr, nullptr); }
 
-  /// What shares of the energy are shares of: the springs' energy, and the absolute values of the loads'.
+  /// The reference for relative errors of the energy: the springs' energy, and the absolute values of the
+  /// loads'.
   Real size(const Matrix& x, Real energy) const {
     for (int i = 0; i < problem_.nodes() && has_loads(); ++i)
       energy += load(i).dot(x.col(i)) + load(i).cwiseAbs().dot(x.col(i).cwiseAbs());

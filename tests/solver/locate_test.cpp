@@ -410,7 +410,7 @@ TEST(Locate, SaysWhatIsWrong) {
            Wrong{{0, 0, kNaN, 0, 1, 1},
                  ones,
                  ones,
-                 "beacon 1 has a coordinate that is not a finite number",
+                 "beacon 1 has a coordinate that is not finite, or too large",
                  {}},
            Wrong{square, ones, {1, 1, 1e-30}, "sigma is out of proportion to the distances", {}},
            Wrong{square, {1, kNaN, kNaN}, ones, "needs ranges to at least 2 beacons, found 1", {}},

@@ -397,7 +397,7 @@ TEST_F(TrackTool, TakesATrackerFromAFile) {
   write("kcf");
   expect_error(images + config, {path("t.json"), "JSON object"}, false);
   expect_error(images + " --config " + path("none.json"), {path("none.json")}, false);
-  expect_error(images + " --config " + path("images"), {"cannot read " + path("images")}, false);
+  expect_error(images + " --config " + path("images"), {path("images") + " is a folder, not a file"}, false);
   expect_error(images + " --config /dev/zero", {"/dev/zero: more than 1 MiB"}, false);
   expect_error(images + " --config /dev/null",
                {"/dev/null: the description of a tracker must be a JSON object"}, false);
@@ -421,6 +421,8 @@ TEST_F(TrackTool, PrintsTheOptionsOfATracker) {
   EXPECT_NE(err_.find("...: 20 frames, "), std::string::npos) << err_;
   expect_error("--options dtp", {"unknown tracker 'dtp', did you mean 'dpt'?"}, false);
   expect_error("--options", {"--options"}, false);
+  ASSERT_EQ(run(images + csv() + " --frames 1 --tracker kcf", false), 0) << err_;
+  EXPECT_EQ(err_, "kcf: 1 frame\n");
   if (fs::exists("/dev/full")) {
     EXPECT_NE(std::system((ASTERISM_TRACK_TOOL " --options dpt > /dev/full 2> " + path("err")).c_str()), 0);
   }

@@ -369,7 +369,9 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
   EXPECT_NE(refusal(R"({"tracker": "dp"})").find("unknown tracker 'dp', did you mean 'dpt'?"),
             std::string::npos);
   EXPECT_NE(refusal("DPTT").find("did you mean 'dpt'? (known: dpt, "), std::string::npos);
-  for (const char* of_opencv : {"csrt", "CSRT", "opencv-csrt"})
+  for (const char* of_dpt_plus : {"dpt_plusx", "dpt_plus ", "DPT-Plus", "dptplus"})
+    EXPECT_NE(refusal(of_dpt_plus).find("did you mean 'dpt_plus'? (known"), std::string::npos) << of_dpt_plus;
+  for (const char* of_opencv : {"csrt", "CSRT", "opencv-csrt", "opencv_csrt"})
     EXPECT_NE(refusal(of_opencv).find("asterism-eval runs as 'opencv-csrt'"), std::string::npos) << of_opencv;
   EXPECT_NE(refusal("dpt{").find("dpt: its options are not a JSON object"), std::string::npos);
   EXPECT_NE(refusal("{").find("not a JSON object"), std::string::npos);

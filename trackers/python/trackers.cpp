@@ -122,9 +122,14 @@ std::string description_of(const std::string& name, const py::object& options) {
     throw py::type_error("options: expected numbers, bools, names and dicts, found " +
                          py::repr(value).cast<std::string>());
   });
-  return name + py::module_::import("json")
-                    .attr("dumps")(options, py::arg("allow_nan") = false, py::arg("default") = number)
-                    .cast<std::string>();
+  try {
+    return name + py::module_::import("json")
+                      .attr("dumps")(options, py::arg("allow_nan") = false, py::arg("default") = number)
+                      .cast<std::string>();
+  } catch (const py::error_already_set& error) {
+    if (!error.matches(PyExc_ValueError)) throw;  // NaN, infinity, or a dict that contains itself
+    throw py::value_error("options: expected finite numbers: " + py::str(error.value()).cast<std::string>());
+  }
 }
 
 py::dict dict_of(const std::string& json) { return py::module_::import("json").attr("loads")(json); }

@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <asterism/solver/base/counted.hpp>
 #include <cstdio>
 
 namespace asterism::tools {
@@ -22,7 +23,7 @@ void Progress::report(int done) {
   if (total_ > 0) {
     std::fprintf(stderr, "%d / %d frames, %.1f fps, %.0f s left", done, total_, fps, (total_ - done) / fps);
   } else {
-    std::fprintf(stderr, "%d frames, %.1f fps", done, fps);
+    std::fprintf(stderr, "%s, %.1f fps", asterism::detail::counted(done, "frame").c_str(), fps);
   }
   if (!terminal_) std::fputc('\n', stderr);
   std::fflush(stderr);

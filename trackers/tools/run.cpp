@@ -1,6 +1,7 @@
 #include "run.hpp"
 
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <asterism/trackers/around/interruption.hpp>
 #include <asterism/trackers/around/smooth_track.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
@@ -274,7 +275,7 @@ void print_notes(ImageSource& source) {
 void print_damaged(const ImageSource& source) {
   if (const auto missing = source.missing())
     std::fprintf(stderr,
-                 "asterism-track: note: about %d frames are missing, the first after frame %d: the video is "
+                 "asterism-track: note: frames are missing, about %d, the first after frame %d: the video is "
                  "damaged, or its recorder dropped them\n",
                  missing->count, missing->after);
   if (source.damaged().empty()) return;
@@ -293,10 +294,11 @@ std::string shown(const std::string& description) {
 void print_summary(const Options& options, const Score& score) {
   std::fprintf(stderr, "%s: ", shown(options.tracker).c_str());
   if (options.boxes.size() > 1) std::fprintf(stderr, "%zu objects, ", options.boxes.size());
-  std::fprintf(stderr, "%d frames", score.updates + 1);
+  std::fputs(detail::counted(score.updates + 1, "frame").c_str(), stderr);
   if (score.milliseconds > 0) std::fprintf(stderr, ", %.1f fps", 1000 * score.updates / score.milliseconds);
   if (score.compared > 0) {
-    std::fprintf(stderr, ", mean overlap %.3f in %d frames", score.overlaps / score.compared, score.compared);
+    std::fprintf(stderr, ", mean overlap %.3f in %s", score.overlaps / score.compared,
+                 detail::counted(score.compared, "frame").c_str());
   }
   std::fputc('\n', stderr);
 }

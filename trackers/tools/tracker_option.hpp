@@ -19,7 +19,8 @@ namespace asterism::tools {
 inline std::string read_tracker(const std::string& path) {
   constexpr std::size_t kMost = std::size_t{1} << 20;
   std::ifstream file(path);
-  if (!file || std::filesystem::is_directory(path)) throw std::runtime_error("cannot read " + path);
+  if (std::filesystem::is_directory(path)) throw std::runtime_error(path + " is a folder, not a file");
+  if (!file) throw std::runtime_error("cannot read " + path);
   std::string text(kMost + 1, '\0');
   file.read(text.data(), static_cast<std::streamsize>(text.size()));
   if (file.bad()) throw std::runtime_error("cannot read " + path);

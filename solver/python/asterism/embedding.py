@@ -67,7 +67,7 @@ class Embedding:
         proven = "proven least" if self.certified else "nothing proven" if np.isnan(self.gap) else f"gap {self.gap:.3g}"
         n, dim = self.x.shape
         parts = f", {self.parts} unrelated parts" if self.parts > 1 else ""
-        return f"<asterism.Embedding: {n} nodes, dim {dim}, stress {self.stress:.6g}, {proven}{parts}>"
+        return f"<asterism.Embedding: {inputs.counted(n, 'node')}, dim {dim}, stress {self.stress:.6g}, {proven}{parts}>"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -405,8 +405,9 @@ def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np
 
 
 def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
-    if isinstance(graph, str) or not isinstance(graph, Iterable):
-        raise TypeError(f"graph: expected a list of edges, an adjacency matrix or a graph of networkx, found {type(graph).__name__}")
+    if isinstance(graph, (str, bytes, Mapping)) or not isinstance(graph, Iterable):
+        hint = "; networkx.Graph makes a graph of a dict of neighbours" if isinstance(graph, Mapping) else ""
+        raise TypeError(f"graph: expected a list of edges, an adjacency matrix or a graph of networkx, found {type(graph).__name__}{hint}")
     ends, lengths = [], []
     for k, edge in enumerate(graph):
         if isinstance(edge, str) or not hasattr(edge, "__len__") or len(edge) not in (2, 3):

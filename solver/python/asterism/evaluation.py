@@ -58,6 +58,8 @@ def evaluate(
     arguments: list[str] = []
     for name, tracker in _named(trackers).items():
         arguments += ["--tracker", f"{name}={tracker}"] if isinstance(tracker, str) else ["--external", f"{name}={_command(tracker)}"]
+    if not arguments:
+        raise ValueError("evaluate: no tracker")
     for option, value in options.items():
         if value is None or value is False:
             continue
@@ -73,6 +75,8 @@ def evaluate(
 def _named(trackers: _Tracker | Iterable[_Tracker] | Mapping[str, _Tracker]) -> Mapping[str, _Tracker]:
     if isinstance(trackers, Mapping):
         return trackers
+    if not isinstance(trackers, (str, Iterable)) and not callable(trackers):
+        raise TypeError(f"evaluate: expected a class, the name of a tracker, or a list of them, found an object of the type {type(trackers).__name__}")
     named: dict[str, _Tracker] = {}
     for tracker in [trackers] if isinstance(trackers, str) or callable(trackers) else trackers:
         name = tracker if isinstance(tracker, str) else getattr(tracker, "__name__", repr(tracker))

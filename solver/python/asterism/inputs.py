@@ -16,7 +16,7 @@ from ._asterism import _numbers as numbers
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 
-__all__ = ["array", "brief", "by_node", "count", "entries", "is_sparse", "joint_pairs", "number", "numbers", "pairs_of", "processors", "square"]
+__all__ = ["array", "brief", "by_node", "count", "counted", "entries", "is_sparse", "items", "joint_pairs", "number", "numbers", "pairs_of", "processors", "square"]
 
 # numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
 # become `missing`; where there is none, and for anything else than an array of real numbers, TypeError. ValueError for another shape.
@@ -38,6 +38,19 @@ def count(value: Any, name: str, least: int = 1) -> int:
     if found >= 2**31:
         raise ValueError(f"{name}: expected < 2^31, found {found}")
     return found
+
+
+def items(values: Any, name: str, expected: str) -> list[Any]:
+    """The items of what can be iterated over."""
+    try:
+        return list(values)
+    except TypeError:
+        raise TypeError(f"{name}: expected {expected}, found {type(values).__name__}") from None
+
+
+def counted(number: int, what: str) -> str:
+    """ "1 node", "2 nodes"."""
+    return f"{number} {what}" + "s" * (number != 1)
 
 
 def number(value: Any, name: str) -> float:

@@ -37,9 +37,12 @@ _REFUSED = {
     "dissimilarity": "the argument is always a matrix of distances; SciPy's cdist computes one from points",
     "metric": "mds is always metric; asterism.MDS has metric=False",
     "normalizedstress": "`stress` of the result is never normalised",
+}
+_REFUSED_BY_LAYOUT = {
     "k": "the drawing's unit is the length of an edge; multiply the result by a factor",
     "scale": "multiply the result by a factor",
     "center": "add the center to the result",
+    "dist": "asterism.mds places points with a given matrix of distances",
 }
 
 # Options of other libraries that are two of ours, or that another class has.
@@ -78,8 +81,9 @@ def no_option(of: str, name: str, known: Sequence[str]) -> str:
     """The message for an option `name` that `of`, such as "mds()", does not have, but those in `known`."""
     plain = _plain(name)
     listed = f" (it has: {', '.join(known)})"
-    if plain in _REFUSED:
-        return f"{of} has no option '{name}': {_REFUSED[plain]}{listed}"
+    refused = {**_REFUSED, **(_REFUSED_BY_LAYOUT if "graph" in known else {})}
+    if plain in refused:
+        return f"{of} has no option '{name}': {refused[plain]}{listed}"
     needed, answer = _MORE.get(plain, ("", ""))
     if needed in known:
         return f"{of} has no option '{name}': {answer}{listed}"

@@ -73,7 +73,7 @@ def fuse(
     ValueError, which names the input, for other shapes, infinite numbers, a joint that is never seen, cameras two of which are the
     same or which do not belong to the detections, one camera, and times that do not rise.
     """
-    cameras = None if cameras is None else list(cameras)
+    cameras = None if cameras is None else inputs.items(cameras, "cameras", "a Camera for each view")
     recording, limbs, pixels = _checked(detections, confidence, cameras, skeleton, times, deviation)
     couples = inputs.joint_pairs(() if pairs is None else pairs, "pairs", pixels.shape[2])
     swapped = np.zeros((*recording.is_seen.shape[:2], len(couples)), bool)
@@ -139,6 +139,8 @@ def _checked(
     if (np.diff(when) <= 0).any():
         t = int(np.argmax(np.diff(when) <= 0))
         raise ValueError(f"times: expected rising times, found {when[t]} before {when[t + 1]} at frame {t + 1}")
+    if frames > 1 and not (np.diff(when).min() > 1e-150 and np.ptp(when) < 1e150):
+        raise ValueError(f"times: another unit is needed for {frames} times between {when[0]} and {when[-1]}")
     limbs = inputs.joint_pairs(() if skeleton is None else skeleton, "skeleton", joints)
     if cameras is None:
         sights = np.zeros((views, frames, joints, 6))

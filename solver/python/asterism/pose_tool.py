@@ -11,7 +11,7 @@ from typing import Sequence
 
 import numpy as np
 
-from . import pose
+from . import inputs, pose
 
 __all__ = ["main"]
 
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(_run(options))
         return 0
     except OSError as error:
-        message = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        message = f"{error.filename}: {error.strerror}" if error.filename else error.strerror or str(error)
     except (ValueError, TypeError, ImportError) as error:
         message = str(error)
     print(f"asterism-pose: {message}".replace("\n", " "), file=sys.stderr)
@@ -51,6 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> str:
     """The summary that is printed at the end."""
+    _check_outputs(options)
     views = [pose.read_detections(path) for path in options.views]
     first = views[0]
     for path, view in zip(options.views, views):
@@ -59,12 +60,12 @@ def _run(options: argparse.Namespace) -> str:
         if view.joints != first.joints:
             raise ValueError(f"{path}: has other joints than {options.views[0]}")
         if len(view.points) != len(first.points):
-            raise ValueError(f"{path}: has {len(view.points)} frames, {options.views[0]} has {len(first.points)}")
+            raise ValueError(f"{path}: has {inputs.counted(len(view.points), 'frame')}, {options.views[0]} has {len(first.points)}")
     cameras = None if options.cameras is None else _cameras(options.cameras, options.views)
     skeleton = None if options.skeleton is None else _skeleton(options.skeleton, first.joints)
     times = None if options.times is None else _times(options.times)
     if times is not None and len(times) != len(first.points):
-        raise ValueError(f"{options.times}: has {len(times)} times for {len(first.points)} frames")
+        raise ValueError(f"{options.times}: has {inputs.counted(len(times), 'time')} for {inputs.counted(len(first.points), 'frame')}")
     confidence = np.array([view.confidence for view in views]) if options.confidence else None
     pairs = _pairs(options.pairs, first.joints)
     found = pose.fuse(np.array([view.points for view in views]), confidence, cameras, skeleton, times, pairs)
@@ -72,8 +73,25 @@ def _run(options: argparse.Namespace) -> str:
     if options.details is not None:
         _write_details(options.details, found, first)
     is_seen = np.array([np.isfinite(view.points[..., 0]) for view in views])
-    says = f"{options.output}: {len(first.points)} frames, {len(first.joints)} joints, {found.outliers.sum() / max(is_seen.sum(), 1):.1%} of the detections are outliers"
+    says = f"{options.output}: {inputs.counted(len(first.points), 'frame')}, {inputs.counted(len(first.joints), 'joint')}, {found.outliers.sum() / max(is_seen.sum(), 1):.1%} of the detections are outliers"
     return says if not pairs else f"{says}, {found.swapped.any((0, 2)).mean():.1%} of the frames have a swapped pair"
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """ValueError for an output that is one of the inputs or the other output, or whose name promises another format."""
+    read = [path for path in (*options.views, options.cameras, options.skeleton, options.times) if path is not None]
+    for option, path in (("--output", options.output), ("--details", options.details)):
+        if path is not None and any(_are_same(path, other) for other in read):
+            raise ValueError(f"{option} {path} would change the input")
+    if options.details is not None and _are_same(options.details, options.output):
+        raise ValueError(f"--details {options.details} is the file of --output")
+    if pathlib.Path(options.output).suffix.lower() not in ("", ".csv", ".h5", ".hdf5"):
+        raise ValueError(f"--output {options.output}: expected a name that ends with .csv, .h5 or .hdf5")
+
+
+def _are_same(path: str, other: str) -> bool:
+    """Whether both are names of one file, which need not be there yet."""
+    return os.path.realpath(path) == os.path.realpath(other) or os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other)
 
 
 def _cameras(path: str, files: list[str]) -> list[pose.Camera]:
@@ -84,7 +102,7 @@ def _cameras(path: str, files: list[str]) -> list[pose.Camera]:
     if all(stem in named for stem in stems):
         return [named[stem] for stem in stems]
     if len(cameras) != len(files):
-        raise ValueError(f"{path}: has {len(cameras)} cameras for {len(files)} files, and the files are not named as they are")
+        raise ValueError(f"{path}: has {inputs.counted(len(cameras), 'camera')} for {inputs.counted(len(files), 'file')}, and the files are not named as they are")
     return cameras
 
 

@@ -483,11 +483,14 @@ def _table(X: Any, is_finite: bool) -> _Floats:
     """X as (rows, columns) of float64, in C order, with the messages that scikit-learn expects."""
     if inputs.is_sparse(X):
         raise TypeError("X: a sparse matrix was passed; expected an array of numbers (a sparse matrix of distances is taken by fit with dissimilarity='precomputed')")
-    array = np.asarray(X)
+    try:
+        array = np.asarray(X)
+        if array.dtype.kind == "O":
+            array = array.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"X: expected an array of numbers, found {type(X).__name__}: {error}") from None
     if array.dtype.kind == "c":
         raise ValueError("X: Complex data not supported")
-    if array.dtype.kind == "O":
-        array = array.astype(np.float64)
     array = inputs.numbers(array, "X")
     if array.ndim != 2:
         raise ValueError(

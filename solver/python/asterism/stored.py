@@ -12,7 +12,7 @@ from typing import Any, Iterable
 import numpy as np
 import numpy.typing as npt
 
-from . import _asterism
+from . import _asterism, inputs
 
 
 @dataclasses.dataclass
@@ -52,6 +52,8 @@ def _parsed(text: str | bytes, source: str) -> list[StoredSystem]:
 
 
 def _to_json(stored: StoredSystem) -> str:
+    if not isinstance(stored, StoredSystem):
+        raise TypeError(f"systems: expected StoredSystems, found {type(stored).__name__}")
     try:
         name, origin = str.encode(stored.name), json.dumps(stored.origin, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -66,5 +68,5 @@ def write_systems(path: str | os.PathLike[str], systems: Iterable[StoredSystem])
     ValueError for values that a solver would refuse, for a term with a function of your own, and for an origin with NaN, infinity or integers of more than 64 bits;
     TypeError for an origin that JSON cannot hold. Then nothing is written.
     """
-    lines = [_to_json(stored) for stored in systems]
+    lines = [_to_json(stored) for stored in inputs.items(systems, "systems", "a list of StoredSystems")]
     pathlib.Path(path).write_text("".join(lines), encoding="utf-8")

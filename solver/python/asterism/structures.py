@@ -171,7 +171,7 @@ def _several(count: int, distance: float) -> tuple[int, float]:
 def _problem(maps: Iterable[npt.ArrayLike], joints: Iterable[Joint]) -> tuple[list[Any], Any, Any]:
     ends: list[tuple[int, int]] = []
     costs: list[Any] = []
-    for number, joint in enumerate(joints):
+    for number, joint in enumerate(inputs.items(joints, "joints", "a list of Joints")):
         if not isinstance(joint, Joint):
             raise TypeError(f"joint {number}: expected a Joint, found {joint!r}")
         if joint.shape not in _SHAPES:
@@ -195,4 +195,4 @@ def _problem(maps: Iterable[npt.ArrayLike], joints: Iterable[Joint]) -> tuple[li
                 raise ValueError(f"joint {number} has a reach below 0 or above 255 px")
             axes[:, 0] = 0
         costs.append(np.vstack([axes, of_layers, of_length]))
-    return list(maps), np.reshape(np.array(ends, float), (-1, 2)), np.reshape(np.array(costs, float), (-1, 4, 4))
+    return inputs.items(maps, "maps", "a list of arrays"), np.reshape(np.array(ends, float), (-1, 2)), np.reshape(np.array(costs, float), (-1, 4, 4))

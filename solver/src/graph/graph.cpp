@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/graph/graph.hpp>
 #include <cmath>
@@ -21,8 +22,8 @@ Graph::Graph(int nodes, std::span<const Edge> edges) : first_(at(nodes) + 1) {
     for (const int end : {edge.from, edge.to}) {
       if (end < 0 || end >= nodes)
         detail::raise(std::invalid_argument("edge " + std::to_string(&edge - edges.data()) + " ends at " +
-                                            std::to_string(end) + ", which is not one of the " +
-                                            std::to_string(nodes) + " nodes"));
+                                            std::to_string(end) + ", which is not a node (" +
+                                            detail::counted(nodes, "node") + ")"));
       ++first_[at(end) + 1];
     }
     if (!(edge.length >= 0 && std::isfinite(edge.length)))

@@ -54,11 +54,12 @@ class Heard {
       if (!(r >= 0 && r <= kLargest))
         return wrong("range", i, r < 0 ? "is negative" : "is too large or infinite");
       if (!(s > 0 && s <= kLargest && s >= 1 / kLargest))
-        return wrong("sigma", i, "is not a finite number > 0");
+        return wrong("sigma", i,
+                     s > 0 && std::isfinite(s) ? "is too large or too small" : "is not a finite number > 0");
       for (int k = 0; k < Dim; ++k) {
         const double b = beacons[static_cast<std::size_t>(Dim * i + k)];
         if (!(std::abs(b) <= kLargest))
-          return wrong("beacon", i, "has a coordinate that is not a finite number");
+          return wrong("beacon", i, "has a coordinate that is not finite, or too large");
         beacons_[Dim * count_ + k] = b;
         largest = std::max(largest, std::abs(b));
       }

@@ -104,7 +104,9 @@ class PathSolver {
       if (std::isnan(r)) continue;
       if (!(r >= 0)) return wrong("range", i, "is negative");
       if (!(r <= kLargest)) return wrong("range", i, "is too large or infinite");
-      if (!(s > 1 / kLargest && s <= kLargest)) return wrong("sigma", i, "is not a finite number > 0");
+      if (!(s > 1 / kLargest && s <= kLargest))
+        return wrong("sigma", i,
+                     s > 0 && std::isfinite(s) ? "is too large or too small" : "is not a finite number > 0");
     }
     return true;
   }

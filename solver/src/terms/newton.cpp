@@ -209,9 +209,9 @@ class NewtonSolve {
     return true;
   }
 
-  // Improves v, a direction of negative curvature, and returns its curvature: minimises v^T H v / v^T A v, A
-  // being the nodes' stiffness, over v and its gradient, some times. A pivot's direction may bend stiff
-  // springs, of which its curvature hardly shows anything.
+  // Improves v, a direction of negative curvature, and returns its curvature. Each round minimises
+  // v^T H v / v^T A v over the plane of v and the quotient's gradient; A has the nodes' stiffness. A pivot's
+  // direction may bend stiff springs, of which its curvature hardly shows anything.
   double bend_downwards(Eigen::VectorXd& v) const {
     constexpr int kRounds = 20;
     Eigen::VectorXd A(matrix_.rows());

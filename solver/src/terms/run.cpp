@@ -89,7 +89,7 @@ bool SystemRun::start(const System& given) {
   summary_.message.clear();
   summary_.iterations = summary_.energy_evaluations = summary_.gradient_evaluations = 0;
   summary_.linear_solves = summary_.factorizations = 0;
-  looked_at_ = std::numeric_limits<double>::infinity();
+  last_tested_ = std::numeric_limits<double>::infinity();
   if (options_.align && options_.max_iterations > 0 && !rule_.reached(gradient_) && !options_.stopped())
     align(options_.allow_reflection);
   return true;
@@ -144,14 +144,14 @@ bool SystemRun::report() {
     const Certificate certificate = certify(*system_, *x_, {options_.gap});
     if (certificate.proof != Proof::NotApplicable)
       lower_bound_ = std::max(lower_bound_, certificate.lower_bound);
-    is_close_ = Summary::is_within(options_.gap, energy_, lower_bound_);
+    is_within_gap_ = Summary::is_within(options_.gap, energy_, lower_bound_);
   }
   if (options_.on_iteration) {
     is_stopped_ |= !options_.on_iteration(
         {summary_.iterations, energy_, gradient_.norm(), {x_->data(), x_->rows(), x_->cols()}});
   }
   is_stopped_ |= options_.stopped();
-  return is_stopped_ || is_close_;
+  return is_stopped_ || is_within_gap_;
 }
 
 // By the stiffness and length at x: those of some terms have changed since the start.
@@ -169,9 +169,9 @@ bool SystemRun::is_over() {
   if (summary_.iterations >= options_.max_iterations) return true;
   end_ = Status::NoProgress;
   if (summary_.iterations % kLook != 0 || !rule_.is_rounding(*x_, gradient_)) return false;
-  const double before = looked_at_;
-  looked_at_ = gradient_.squaredNorm();
-  return !(looked_at_ < before / 4);
+  const double before = last_tested_;
+  last_tested_ = gradient_.squaredNorm();
+  return !(last_tested_ < before / 4);
 }
 
 bool SystemRun::search(const Points& direction, double& step) {
@@ -249,7 +249,7 @@ void SystemRun::judge(Status reason) {
     *x_ = start_;
   } else if (is_stationary()) {
     reason = Status::Converged;
-  } else if (is_close_) {
+  } else if (is_within_gap_) {
     reason = Status::Converged;
     summary_.message = "within the gap of the global minimum";
   } else if (is_stopped_) {

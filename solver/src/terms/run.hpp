@@ -80,8 +80,8 @@ class SystemRun {
   Points* x_;
   Points start_, gradient_, other_x_, other_gradient_;
   double start_energy_ = 0, energy_ = 0, lowest_ = 0, lower_bound_ = -1;
-  double looked_at_ = 0;  // the squared gradient of the last test of rounding
-  bool is_close_ = false, is_stopped_ = false;
+  double last_tested_ = 0;  // the squared gradient of the last test of rounding
+  bool is_within_gap_ = false, is_stopped_ = false;
   Status end_ = Status::NotRun;
 };
 

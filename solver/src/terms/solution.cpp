@@ -2,10 +2,12 @@
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/energy/covariance.hpp>
+#include <asterism/solver/terms/kinds.hpp>
 #include <asterism/solver/terms/solution.hpp>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <string>
 
 #include "definite.hpp"
 #include "matrix.hpp"
@@ -14,6 +16,40 @@
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
+
+namespace {
+
+// Finds nodes that coincide although a link pushes them apart. The energy has a peak there, which the Hessian
+// does not show; what bounds it from below shows it.
+class PeakFinder final : public CurvatureSink {
+ public:
+  explicit PeakFinder(const System& system) : system_(system) {}
+
+  void add(const int* nodes, int count, const double* matrix, int rows) override {
+    const auto is_fixed = [&](int node) { return system_.is_fixed(node); };
+    if (problem.empty() && std::any_of(matrix, matrix + rows * rows, [](double m) { return m < -1e280; }) &&
+        !std::all_of(nodes, nodes + count, is_fixed))
+      problem = "a link pushes nodes " + std::to_string(nodes[0]) + " and " +
+                std::to_string(nodes[count - 1]) + " apart, and has no length: x is not a local minimum";
+  }
+
+  std::string problem;  // empty if there is none
+
+ private:
+  const System& system_;
+};
+
+std::string peak(const System& system, const Eigen::MatrixXd& x) {
+  PeakFinder finder(system);
+  for (int t = 0; t < system.term_count(); ++t) {
+    const Term& term = system.term(t);
+    if (dynamic_cast<const LengthTerm*>(&term) != nullptr)
+      term.add_curvature(x, Curvature::Minorising, finder);
+  }
+  return finder.problem;
+}
+
+}  // namespace
 
 struct Solution::Factored {
   Factored(const System& s, const Eigen::MatrixXd& at) : system(s), x(at) {}
@@ -38,6 +74,7 @@ Solution::Solution(const System& system, const Eigen::MatrixXd& x) {
   const auto prepare = [&] {
     problem_ = validate(system, x, false);
     if (problem_.empty()) problem_ = detail::missing_curvature(system, Curvature::True);
+    if (problem_.empty()) problem_ = peak(system, x);
     if (!problem_.empty()) return;
     factored_ = std::make_unique<Factored>(system, x);
     factored_->matrix.assemble(system, x, Curvature::True);

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/terms/system.hpp>
@@ -399,8 +400,8 @@ bool SystemRule::is_rounding(const Eigen::MatrixXd& x, const Eigen::MatrixXd& gr
 std::string validate(const System& system, const Eigen::MatrixXd& x, bool need_hold) {
   if (system.nodes() == 0) return "system has no nodes";
   if (x.rows() != system.dim() || x.cols() != system.nodes())
-    return "x must have " + std::to_string(system.dim()) + " coordinates for each of " +
-           std::to_string(system.nodes()) + " nodes";
+    return "x must have " + detail::counted(system.dim(), "coordinate") + " for each of " +
+           detail::counted(system.nodes(), "node");
   for (int t = 0; t < system.term_count(); ++t) {
     if (std::string problem = system.term(t).defect(system.nodes()); !problem.empty()) return problem;
   }

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <asterism/solver/base/counted.hpp>
 #include <asterism/solver/base/edit_distance.hpp>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
@@ -137,8 +138,8 @@ void Term::set_loss(Loss loss, double scale, double sharpness) {
 
 void Term::set_nodes(Eigen::MatrixXi nodes) {
   if (nodes.rows() != arity())
-    raise(std::invalid_argument(std::string(kind_) + ": an element has " + std::to_string(arity()) +
-                                " nodes, not " + std::to_string(nodes.rows())));
+    raise(std::invalid_argument(std::string(kind_) + ": an element has " + detail::counted(arity(), "node") +
+                                ", not " + std::to_string(nodes.rows())));
   nodes_ = std::move(nodes);
   look_for_all_pairs();
 }
@@ -240,7 +241,7 @@ std::string Term::defect(int node_count) const {
     const Eigen::MatrixXd& values = column.values;
     if (values.size() == 0 && (column.is_optional || size() == 0)) continue;
     if (values.rows() != column.rows && !(column.other_rows > 0 && values.rows() == column.other_rows))
-      return says(name, " must have ", std::to_string(column.rows), " numbers for each element");
+      return says(name, " must have ", detail::counted(column.rows, "number"), " for each element");
     if (values.cols() != size() && values.cols() != 1)
       return says(name, " must have one entry for each element, or one for all");
     if (column.is_common && values.cols() != 1) return says(name, " must be the same for all elements");

@@ -1,6 +1,8 @@
+#include <algorithm>
 #include <asterism/parts/models/siamese.hpp>
 #include <asterism/parts/models/spatial_reliability.hpp>
 #include <asterism/solver/base/edit_distance.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/around/redetecting.hpp>
@@ -11,8 +13,11 @@
 #include <cctype>
 #include <cmath>
 #include <concepts>
+#include <initializer_list>
 #include <optional>
 #include <stdexcept>
+#include <string>
+#include <string_view>
 #include <utility>
 #ifdef ASTERISM_TRACKERS_JSON
 #include <asterism/parts/concept/part_registry.hpp>
@@ -156,13 +161,16 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
   const std::vector<std::string> names = tracker_names();
   std::string plain;
   for (const char letter : name) plain += static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
-  const std::string of_opencv = plain.starts_with("opencv-") ? plain.substr(7) : plain;
-  std::string hint = detail::near_name(plain, names);
-  for (const char* each : {"csrt", "mil", "mosse", "medianflow", "tld", "boosting", "goturn", "dasiamrpn"}) {
-    if (of_opencv == each)
-      hint = std::string(": it is OpenCV's, which asterism-eval runs as 'opencv-") + each +
-             "'; our most accurate one is 'dpt_plus'";
-  }
+  const bool is_prefixed = plain.starts_with("opencv-") || plain.starts_with("opencv_");
+  const std::string of_opencv = is_prefixed ? plain.substr(7) : plain;
+  std::string hint = detail::near_name(detail::letters_of(name), names, detail::letters_of);
+  const auto answer = [&](std::initializer_list<std::string_view> theirs, const std::string& condition) {
+    if (std::find(theirs.begin(), theirs.end(), of_opencv) != theirs.end())
+      hint = ": it is OpenCV's, which asterism-eval runs as 'opencv-" + of_opencv + "'" + condition +
+             "; our most accurate one is 'dpt_plus'";
+  };
+  answer({"csrt", "mil", "mosse", "medianflow", "tld", "boosting"}, "");
+  answer({"goturn", "dasiamrpn", "nano", "vit"}, " if it finds the files of its network");
   throw std::invalid_argument("unknown tracker '" + name + "'" + hint + detail::known_names(names));
 }
 

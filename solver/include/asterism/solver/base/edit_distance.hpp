@@ -41,11 +41,14 @@ inline std::size_t difference(std::string_view word, std::string_view other) {
   return edit_distance(word, other);
 }
 
-/// The one of `words`, or of their `name`s, that is nearest to a word; there must be at least one.
+/// The one of `words`, or of their `name`s, that is nearest to a word; there must be at least one. Of several
+/// that a word contains, the one with the fewest other letters.
 template <typename Words, typename Name = std::identity>
 auto nearest(std::string_view word, const Words& words, Name name = {}) {
-  return std::ranges::min_element(
-      words, {}, [&](const auto& each) { return difference(word, std::invoke(name, each)); });
+  return std::ranges::min_element(words, {}, [&](const auto& each) {
+    const auto& other = std::invoke(name, each);
+    return std::pair(difference(word, other), edit_distance(word, other));
+  });
 }
 
 /// ", did you mean 'dpt'?", if a name differs from the word by less than half of its letters; else empty.

@@ -22,7 +22,7 @@ class Scratch {
   T& get() { return value_ ? *value_ : value_.emplace(); }
   /// A new one, for systems of another size: Eigen 3.4 frees a matrix before it allocates it in another size,
   /// and frees it again in its destructor if that failed.
-  T& anew() { return value_.emplace(); }
+  T& recreate() { return value_.emplace(); }
 
  private:
   std::optional<T> value_;

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/counted.hpp>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/discrete/displacement_cost.hpp>
@@ -68,8 +69,8 @@ struct LoopySummary {
 inline std::ostream& operator<<(std::ostream& out, const LoopySummary& summary) {
   out << summary.status;
   if (summary.usable()) {
-    out << " after " << summary.iterations << " iterations, energy " << summary.energy << ", lower bound "
-        << summary.lower_bound;
+    out << " after " << detail::counted(summary.iterations, "iteration") << ", energy " << summary.energy
+        << ", lower bound " << summary.lower_bound;
   }
   if (!summary.message.empty()) out << ": " << summary.message;
   return out;

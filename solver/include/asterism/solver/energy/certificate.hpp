@@ -203,7 +203,7 @@ class Certifier {
     if (nodes_ == system.nodes() && links_ == system.link_count()) return prover_.get();
     nodes_ = system.nodes();
     links_ = system.link_count();
-    return prover_.anew();
+    return prover_.recreate();
   }
 
   int nodes_ = -1;  // of the last system

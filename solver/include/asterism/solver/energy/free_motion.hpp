@@ -459,7 +459,7 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
     for (int a = kDim; a < kModes; ++a) speed[a] = slope[a] = 0;
   }
 
-  // In units of what each motion's rounding is a share of.
+  // Each slope is divided by the magnitude that its rounding is relative to.
   double imbalance = 0;
   for (int a = 0; a < kModes; ++a) {
     scale[a] += extent * std::sqrt(total * scale[a]) + rounding * total * extent * extent;
@@ -778,9 +778,9 @@ class FreeMotions {
     return {};
   }
 
-  // Of what hangs on a single node of the rest and has neither anchor nor load: whatever that node does, it
-  // can turn about it. These parts are subtrees of a depth first search whose nodes are linked to none before
-  // their parent (Hopcroft & Tarjan 1973).
+  // Finds a part that is attached at a single node and has neither anchor nor load: it can turn about that
+  // node, whatever the node does. These parts are subtrees of a depth first search whose nodes are linked to
+  // none before their parent (Hopcroft & Tarjan 1973).
   FreeMotion of_parts(const System& system, const Points& x, const Nodes& nodes) {
     const int n = system.nodes();
     const auto is_held = [&](int i) { return is_held_itself(system, i); };

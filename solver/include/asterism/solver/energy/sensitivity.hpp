@@ -562,7 +562,7 @@ class Sensitivity {
     if (nodes_ == system.nodes() && links_ == system.link_count()) return solver_.get();
     nodes_ = system.nodes();
     links_ = system.link_count();
-    return solver_.anew();
+    return solver_.recreate();
   }
 
   // The anchor's force on node i at its own stiffness of 1, of its offset d: rho' S d, and the loss.

@@ -207,9 +207,9 @@ class Newton {
     return true;
   }
 
-  // Improves step_, a direction of negative curvature, and returns its curvature: minimises v^T H v / v^T A
-  // v, A being the nodes' stiffness, over v and its gradient, some times. A pivot's direction may bend stiff
-  // springs that its curvature hardly sees.
+  // Improves step_, a direction v of negative curvature, and returns its curvature. Each round minimises
+  // v^T H v / v^T A v over the plane of v and the quotient's gradient; A has the nodes' stiffness. A pivot's
+  // direction may bend stiff springs that its curvature hardly sees.
   Scalar bend_downwards(const System& system, const Points& x) {
     constexpr int kRounds = 20;
     const auto& A = session_.node_stiffness();

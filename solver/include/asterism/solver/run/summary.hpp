@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/counted.hpp>
 #include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <optional>
@@ -74,8 +75,9 @@ inline Summary refused(std::string_view solver, const Message& why) {
 inline std::ostream& operator<<(std::ostream& out, const Summary& summary) {
   out << summary.solver << ": " << summary.status;
   if (summary.usable()) {
-    out << " after " << summary.iterations << " iterations, energy " << summary.initial_energy << " -> "
-        << summary.final_energy << ", stationarity " << summary.stationarity;
+    out << " after " << detail::counted(summary.iterations, "iteration") << ", energy "
+        << summary.initial_energy << " -> " << summary.final_energy << ", stationarity "
+        << summary.stationarity;
     if (summary.seconds >= 0) out << ", " << summary.seconds << " s";
   }
   return out << " (" << summary.message << ")";
