@@ -17,8 +17,8 @@ inline constexpr int kBeyond = 8;
 /// Numbers of links; `stride` is 0 where all have the same, of which there are kBeyond more copies than
 /// nodes.
 struct LinkNumbers {
-  const double* data;
-  std::ptrdiff_t stride;
+  const double* data;     ///< of the first link
+  std::ptrdiff_t stride;  ///< from one link to the next
 };
 
 /// Links of which many are in rows, (i, j), (i, j + 1), ..., as all pairs of nodes are.
@@ -33,7 +33,9 @@ struct LinkRows {
   /// A stretch is r - lower for lengths r below `lower`, r - upper above `upper`, and 0 between them. Hooke's
   /// law has upper = lower.
   bool is_hooke;
-  LinkNumbers lower, upper, stiffness;
+  LinkNumbers lower;      ///< of each link
+  LinkNumbers upper;      ///< read where is_hooke is false
+  LinkNumbers stiffness;  ///< of each link
   /// Is told of each link that is too short, which is left out.
   void (*left_out)(void* context, int link);
   void* context;
