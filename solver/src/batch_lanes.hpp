@@ -186,6 +186,22 @@ using FloatLanes = Float8;
 
 #elif defined(__SSE2__)
 
+// SSE2 has no loads and stores of some lanes alone.
+template <typename L>
+ASTERISM_INLINE typename L::V load_one_by_one(const typename L::T* a, unsigned which) {
+  typename L::T lanes[L::kLanes];
+  for (int i = 0; i < L::kLanes; ++i) lanes[i] = (which >> i & 1U) != 0 ? a[i] : typename L::T(0);
+  return L::load(lanes);
+}
+template <typename L>
+ASTERISM_INLINE void store_one_by_one(typename L::T* a, typename L::V v, unsigned which) {
+  typename L::T lanes[L::kLanes];
+  L::store(lanes, v);
+  for (int i = 0; i < L::kLanes; ++i) {
+    if ((which >> i & 1U) != 0) a[i] = lanes[i];
+  }
+}
+
 struct Double2 {
   using T = double;
   using V = __m128d;
@@ -195,18 +211,8 @@ struct Double2 {
   ASTERISM_INLINE V set(T a) { return _mm_set1_pd(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm_loadu_pd(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm_storeu_pd(a, v); }
-  ASTERISM_INLINE V load(const T* a, M which) {
-    T lanes[kLanes];
-    for (int i = 0; i < kLanes; ++i) lanes[i] = (bits(which) >> i & 1U) != 0 ? a[i] : T(0);
-    return load(lanes);
-  }
-  ASTERISM_INLINE void store(T* a, V v, M which) {
-    T lanes[kLanes];
-    store(lanes, v);
-    for (int i = 0; i < kLanes; ++i) {
-      if ((bits(which) >> i & 1U) != 0) a[i] = lanes[i];
-    }
-  }
+  ASTERISM_INLINE V load(const T* a, M which) { return load_one_by_one<Double2>(a, bits(which)); }
+  ASTERISM_INLINE void store(T* a, V v, M which) { store_one_by_one<Double2>(a, v, bits(which)); }
   ASTERISM_INLINE V fma(V a, V b, V c) { return a * b + c; }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return c - a * b; }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return -(a * b) - c; }
@@ -239,18 +245,8 @@ struct Float4 {
   ASTERISM_INLINE V set(T a) { return _mm_set1_ps(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm_loadu_ps(a); }
   ASTERISM_INLINE void store(T* a, V v) { _mm_storeu_ps(a, v); }
-  ASTERISM_INLINE V load(const T* a, M which) {
-    T lanes[kLanes];
-    for (int i = 0; i < kLanes; ++i) lanes[i] = (bits(which) >> i & 1U) != 0 ? a[i] : T(0);
-    return load(lanes);
-  }
-  ASTERISM_INLINE void store(T* a, V v, M which) {
-    T lanes[kLanes];
-    store(lanes, v);
-    for (int i = 0; i < kLanes; ++i) {
-      if ((bits(which) >> i & 1U) != 0) a[i] = lanes[i];
-    }
-  }
+  ASTERISM_INLINE V load(const T* a, M which) { return load_one_by_one<Float4>(a, bits(which)); }
+  ASTERISM_INLINE void store(T* a, V v, M which) { store_one_by_one<Float4>(a, v, bits(which)); }
   ASTERISM_INLINE V fma(V a, V b, V c) { return a * b + c; }
   ASTERISM_INLINE V fnma(V a, V b, V c) { return c - a * b; }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return -(a * b) - c; }

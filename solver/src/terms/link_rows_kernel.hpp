@@ -44,15 +44,15 @@ double sum_of(const LinkRows& links) {
     for (int c = 0; c < dim; ++c) from[c] = L::set(points[c][i]), sum[c] = zero;
     V shortest = least;
 
-    // The links to the nodes from `to` on; kWhole: all of them are in the row.
-    const auto add = [&]<bool kWhole>(int to, typename L::M which, V lower_of, V upper_of, V stiffness_of)
+    // The links to the nodes from `to` on, those in the lanes of `which` if not all are in the row.
+    const auto add = [&](int to, bool is_whole, typename L::M which, V lower_of, V upper_of, V stiffness_of)
                          ASTERISM_INLINED {
                            V d[kMost], square = zero;
                            for (int c = 0; c < dim; ++c) {
                              d[c] = from[c] - L::load(points[c] + to);
                              square = L::fma(d[c], d[c], square);
                            }
-                           if (!kWhole) square = L::select(which, square, one);
+                           if (!is_whole) square = L::select(which, square, one);
                            shortest = L::min(square, shortest);
                            const V inverse = L::inverse_sqrt(L::max(square, least));
                            const V r = square * inverse;
@@ -74,13 +74,13 @@ double sum_of(const LinkRows& links) {
     // Vectors begin at multiples of their size: what one row has stored, the next one loads as a whole.
     for (int to = j - j % kLanes; to < j + length; to += kLanes) {
       const std::ptrdiff_t e = to - j;
-      const auto which = lanes_between<L>(-e, length - e);
       if (e >= 0 && e + kLanes <= length) {
-        add.template operator()<true>(to, which, L::load(lower + e), L::load(upper + e),
-                                      L::load(stiffness + e));
+        add(to, true, lanes_between<L>(0, kLanes), L::load(lower + e), L::load(upper + e),
+            L::load(stiffness + e));
       } else {  // the others have no stiffness
-        add.template operator()<false>(to, which, L::load(lower + e, which), L::load(upper + e, which),
-                                       L::load(stiffness + e, which));
+        const auto which = lanes_between<L>(-e, length - e);
+        add(to, false, which, L::load(lower + e, which), L::load(upper + e, which),
+            L::load(stiffness + e, which));
       }
     }
     for (int c = 0; kWithForces && c < dim; ++c) forces[c][i] += L::sum(sum[c]);

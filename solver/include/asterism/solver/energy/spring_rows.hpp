@@ -101,8 +101,8 @@ class SpringRows {
   template <bool kWithGradient>
   Scalar total() {
 #ifdef ASTERISM_SOLVER_COMPILED
-    constexpr int kLeastNodesOfKernel =
-        20;  // below, what it does once for each row takes longer than it saves
+    // With fewer nodes, what the kernel does once for each row takes as long as it saves.
+    constexpr int kLeastNodesOfKernel = 20;
     if constexpr (std::is_same_v<Scalar, double>) {
       if (system_.nodes() >= kLeastNodesOfKernel) return sum_by_kernel<kWithGradient>();
     }

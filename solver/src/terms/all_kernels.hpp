@@ -1,0 +1,14 @@
+#pragma once
+
+// All kernels of this folder, for the sources of each instruction set.
+#include "dense_factor_kernel.hpp"
+#include "link_rows_kernel.hpp"
+#include "placed_points_kernel.hpp"
+
+// run(Result, function, Task) for each kernel: `function` runs a Task by the widest instructions of the
+// machine.
+#define ASTERISM_FOR_EACH_KERNEL(run)                                                                     \
+  run(double, sum, LinkRows) run(void, place, PlacedPoints) run(bool, factorize, SymmetricMatrix<double>) \
+      run(bool, factorize, SymmetricMatrix<float>) run(void, solve, RightHandSides<double>)               \
+          run(void, solve, RightHandSides<float>) run(void, invert, InverseDiagonal)                      \
+              run(void, invert, Inverse<double>) run(void, invert, Inverse<float>)
