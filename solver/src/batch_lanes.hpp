@@ -42,6 +42,13 @@ struct Double8 {
   ASTERISM_INLINE V abs(V a) { return _mm512_abs_pd(a); }
   ASTERISM_INLINE V sqrt(V a) { return _mm512_sqrt_pd(a); }
   ASTERISM_INLINE T sum(V a) { return _mm512_reduce_add_pd(a); }
+  // a_0 b_0 a_1 b_1 ..., and what follows these.
+  ASTERISM_INLINE V low_pairs(V a, V b) {
+    return _mm512_permutex2var_pd(a, _mm512_setr_epi64(0, 8, 1, 9, 2, 10, 3, 11), b);
+  }
+  ASTERISM_INLINE V high_pairs(V a, V b) {
+    return _mm512_permutex2var_pd(a, _mm512_setr_epi64(4, 12, 5, 13, 6, 14, 7, 15), b);
+  }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }  // a shorter chain than a refined estimate
   // Refines an estimate of 14 bits: its relative error e becomes e^4.
   ASTERISM_INLINE V inverse_sqrt(V a) {
@@ -122,6 +129,12 @@ struct Double4 {
   ASTERISM_INLINE T sum(V a) {
     const __m128d two = _mm_add_pd(_mm256_castpd256_pd128(a), _mm256_extractf128_pd(a, 1));
     return _mm_cvtsd_f64(_mm_add_sd(two, _mm_unpackhi_pd(two, two)));
+  }
+  ASTERISM_INLINE V low_pairs(V a, V b) {
+    return _mm256_permute2f128_pd(_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b), 0x20);
+  }
+  ASTERISM_INLINE V high_pairs(V a, V b) {
+    return _mm256_permute2f128_pd(_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b), 0x31);
   }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }
   ASTERISM_INLINE V inverse_sqrt(V a) { return set(1) / sqrt(a); }
@@ -221,6 +234,8 @@ struct Double2 {
   ASTERISM_INLINE V abs(V a) { return _mm_andnot_pd(_mm_set1_pd(-0.0), a); }
   ASTERISM_INLINE V sqrt(V a) { return _mm_sqrt_pd(a); }
   ASTERISM_INLINE T sum(V a) { return _mm_cvtsd_f64(_mm_add_sd(a, _mm_unpackhi_pd(a, a))); }
+  ASTERISM_INLINE V low_pairs(V a, V b) { return _mm_unpacklo_pd(a, b); }
+  ASTERISM_INLINE V high_pairs(V a, V b) { return _mm_unpackhi_pd(a, b); }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }
   ASTERISM_INLINE V inverse_sqrt(V a) { return set(1) / sqrt(a); }
   ASTERISM_INLINE M less(V a, V b) { return _mm_cmplt_pd(a, b); }
@@ -332,6 +347,12 @@ struct Lanes4 {
   ASTERISM_INLINE V fnma(V a, V b, V c) { return c - a * b; }
   ASTERISM_INLINE V fnms(V a, V b, V c) { return set(0) - a * b - c; }
   ASTERISM_INLINE T sum(V a) { return (a.at[0] + a.at[2]) + (a.at[1] + a.at[3]); }
+  ASTERISM_INLINE V low_pairs(V a, V b) {
+    return each([&](int i) ASTERISM_INLINED { return (i % 2 == 0 ? a : b).at[i / 2]; });
+  }
+  ASTERISM_INLINE V high_pairs(V a, V b) {
+    return each([&](int i) ASTERISM_INLINED { return (i % 2 == 0 ? a : b).at[kLanes / 2 + i / 2]; });
+  }
   ASTERISM_INLINE V min(V a, V b) { return select(less(a, b), a, b); }
   ASTERISM_INLINE V max(V a, V b) { return select(less(b, a), a, b); }
   ASTERISM_INLINE V abs(V a) {

@@ -3,6 +3,7 @@
 // All kernels of this folder, for the sources of each instruction set.
 #include "dense_factor_kernel.hpp"
 #include "link_rows_kernel.hpp"
+#include "newton_kernel.hpp"
 #include "placed_points_kernel.hpp"
 
 // run(Result, function, Task) for each kernel: `function` runs a Task by the widest instructions of the
@@ -11,4 +12,6 @@
   run(double, sum, LinkRows) run(void, place, PlacedPoints) run(bool, factorize, SymmetricMatrix<double>) \
       run(bool, factorize, SymmetricMatrix<float>) run(void, solve, RightHandSides<double>)               \
           run(void, solve, RightHandSides<float>) run(void, invert, InverseDiagonal)                      \
-              run(void, invert, Inverse<double>) run(void, invert, Inverse<float>)
+              run(void, invert, Inverse<double>) run(void, invert, Inverse<float>)                        \
+                  run(double, differentiate, SpringHessian) run(Pivots, eliminate, NewtonEquations)       \
+                      run(double, substitute, NewtonStep)

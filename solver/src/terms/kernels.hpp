@@ -2,6 +2,7 @@
 
 #include <asterism/solver/base/export.hpp>
 #include <asterism/solver/energy/link_rows.hpp>
+#include <asterism/solver/energy/newton_kernels.hpp>
 #include <cstddef>
 
 // The border to kernels for wide instructions; see asterism/solver/batch/batch_kernels.hpp for what may not

@@ -7,6 +7,8 @@
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/energy/full_links.hpp>
+#include <asterism/solver/energy/full_springs.hpp>
+#include <asterism/solver/energy/newton_kernels.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <cmath>
@@ -22,7 +24,8 @@ namespace detail {
 
 /// The linear system H p = g of a Newton step. H's columns, from the diagonal down, are factored in place to
 /// those of L D, where L D L^T = H + repair; the elimination runs over g too and so does the forward
-/// substitution. Where the size is neither fixed nor small, g borders H as one more row.
+/// substitution. With the compiled library, this is done in the machine's widest vectors, in double, but for
+/// a few nodes whose number is fixed.
 template <typename System>
 class NewtonMatrix {
  public:
@@ -34,12 +37,14 @@ class NewtonMatrix {
   void reset(const typename System::NodeVector& stiffness) {
     size_ = kDim * static_cast<int>(stiffness.size());
     if constexpr (kMaxSize == Eigen::Dynamic) {
-      const auto size = static_cast<std::size_t>(size_);
-      if (inverse_pivots_.size() != size) require_memory(double(sizeof(Scalar)) * size_ * (size_ + 1.0));
-      values_.resize(size * (size + 1));
+      const auto size = static_cast<std::size_t>(size_), rows = static_cast<std::size_t>(stride());
+      if (inverse_pivots_.size() != size) require_memory(double(sizeof(Scalar)) * size_ * stride());
+      values_.resize(size * rows);
+      right_.resize(rows);
       inverse_pivots_.resize(size);
     }
     rounding_ = kRounding * stiffness;
+    has_springs_ = false;
   }
 
   /// Writes energy, gradient and Hessian at x. With `clamp`, negative curvatures count as 0, as that of a
@@ -52,11 +57,7 @@ class NewtonMatrix {
     }
     if (system.fixed_count() != 0) [[unlikely]]
       isolate_fixed(system, gradient);
-    if constexpr (kUnrolled) {
-      Eigen::Map<Points>(right_.data()) = gradient;
-    } else {
-      for (int k = 0; k < size(); ++k) at(size(), k) = gradient.data()[k];
-    }
+    std::copy_n(gradient.data(), size(), right_.data());
     return energy;
   }
 
@@ -67,13 +68,24 @@ class NewtonMatrix {
     repaired_ = false;
     negative_ = -1;
     most_negative_ = -1;
-    if constexpr (kUnrolled) {
+    if constexpr (kByKernels) {
+      const lanes_v0_1::Pivots pivots = lanes_v0_1::eliminate({.size = size(),
+                                                               .dim = kDim,
+                                                               .rows = stride(),
+                                                               .matrix = values_.data(),
+                                                               .right = right_.data(),
+                                                               .inverse_pivots = inverse_pivots_.data(),
+                                                               .rounding = rounding_.data(),
+                                                               .flat = 1 / kRounding});
+      repaired_ = pivots.repaired;
+      negative_ = pivots.negative;
+    } else if constexpr (kUnrolled) {
       unroll<0, kSize / 2>([this](auto pair) { this->template eliminate_pair<2 * pair>(); });
       if constexpr (kSize % 2 == 1) inverse_pivots_[kSize - 1] = 1 / repair(kSize - 1);
     } else {
       for (int k = 0; k < size(); ++k) {
         inverse_pivots_[static_cast<std::size_t>(k)] = 1 / repair(k);
-        for (int j = k + 1; j < size(); ++j) subtract(k, j);
+        subtract(k);
       }
     }
     return !repaired_;
@@ -82,13 +94,18 @@ class NewtonMatrix {
   /// p of (L D L^T) p = g into `step`; returns g . p, Newton's decrement squared.
   Scalar solve(Points& step) const {
     step.resize(kDim, size() / kDim);
+    if constexpr (kByKernels) {
+      return lanes_v0_1::substitute(
+          {size(), stride(), values_.data(), right_.data(), inverse_pivots_.data(), step.data()});
+    }
     Scalar* p = step.data();
     Scalar decrement = 0;
     const auto substitute = [&](int k) {
       const Scalar* column = &at(0, k);
       const Scalar inverse = inverse_pivots_[static_cast<std::size_t>(k)];
-      Scalar value = right(k) * inverse;
-      decrement += right(k) * value;
+      const Scalar right = right_[static_cast<std::size_t>(k)];
+      Scalar value = right * inverse;
+      decrement += right * value;
       // The column is divided by its pivot here, where no p is waited for.
       for (int i = size() - 1; i > k; --i) value -= (column[i] * inverse) * p[i];
       p[k] = value;
@@ -125,6 +142,9 @@ class NewtonMatrix {
       for (int k = size() - 1; k >= 0; --k) substitute(k);
     }
   }
+
+  /// Whether energies and gradients of `assemble` are rounded as those of all methods.
+  static constexpr bool rounds_alike() { return !kByKernels; }
 
   /// The least pivot beside its node's stiffness, of a matrix that is positive definite.
   Scalar least_pivot() const {
@@ -167,8 +187,22 @@ class NewtonMatrix {
   static constexpr int kDim = System::kDim;
   static constexpr int kSize = times<System::kNodes>(kDim);
   static constexpr int kMaxSize = times<System::kMaxNodes>(kDim);
+  // A few nodes, whose loops are unrolled.
   static constexpr bool kUnrolled = kSize != Eigen::Dynamic && kSize <= 12;
-  static constexpr int kPadded = kSize + kSize % 2;  // to whole pairs of rows, if unrolled
+  // Whether it is laid out for the kernels, as objects are also where these are not linked.
+  static constexpr bool kWide = std::is_same_v<Scalar, double> && !kUnrolled;
+#ifdef ASTERISM_SOLVER_COMPILED
+  static constexpr bool kByKernels = kWide;
+#else
+  static constexpr bool kByKernels = false;
+#endif
+  struct Nothing {};
+  using Springs = std::conditional_t<kWide && FullSprings<System>::kServes, FullSprings<System>, Nothing>;
+  // From one column to the next; to whole pairs of rows, if unrolled.
+  static constexpr int stride_of(int size) {
+    if (kWide) return kDim * static_cast<int>(lanes_v0_1::aligned_rows(size / kDim));
+    return kUnrolled ? size + size % 2 : size;
+  }
   static constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
 
   template <int kLength>
@@ -189,10 +223,7 @@ class NewtonMatrix {
     if constexpr (kSize != Eigen::Dynamic) return kSize;
     return size_;
   }
-  int stride() const {
-    if constexpr (kUnrolled) return kPadded;
-    return size() + 1;
-  }
+  int stride() const { return stride_of(size()); }
   // Not of int: dense matrices of some 23,000 nodes have more entries than that counts.
   std::size_t index(int row, int column) const {
     return static_cast<std::size_t>(column) * static_cast<std::size_t>(stride()) +
@@ -200,10 +231,6 @@ class NewtonMatrix {
   }
   Scalar& at(int row, int column) { return values_[index(row, column)]; }
   const Scalar& at(int row, int column) const { return values_[index(row, column)]; }
-  Scalar right(int k) const {
-    if constexpr (kUnrolled) return right_[static_cast<std::size_t>(k)];
-    return at(size(), k);
-  }
   // Two numbers side by side, such as rows `row` and `row + 1` of a column.
   static Pair load(const Scalar* first) {
     Pair pair;
@@ -258,11 +285,23 @@ class NewtonMatrix {
     return energy;
   }
 
+  // The same for all pairs of nodes. False where it does not serve.
+  bool assemble_full(const System& system, const Points& x, bool clamp, Points& gradient, Scalar& energy) {
+    if constexpr (kByKernels && !std::is_same_v<Springs, Nothing>) {
+      if (!springs_.serve(system)) return false;
+      if (!has_springs_) springs_.set(system);
+      has_springs_ = true;
+      return springs_.differentiate(system, x, clamp, gradient, values_.data(), stride(), energy);
+    } else {
+      return assemble_few(system, x, clamp, gradient, energy);
+    }
+  }
+
   // The same for a small full topology: each block is written once. False where it does not serve. Whatever
   // the elimination loads as a pair of rows is also stored as one: the processor would wait for two stores to
   // reach the cache before it loads across them.
-  [[gnu::flatten]] bool assemble_full(const System& system, const Points& x, bool clamp, Points& gradient,
-                                      Scalar& energy) {
+  [[gnu::flatten]] bool assemble_few(const System& system, const Points& x, bool clamp, Points& gradient,
+                                     Scalar& energy) {
     using Links = FullLinks<System>;
     if constexpr (!kUnrolled || !Links::kServes) {
       return false;
@@ -353,12 +392,15 @@ class NewtonMatrix {
     return at(k, k) = pivot < -rounding ? -pivot : flat(k);
   }
 
-  // Column `to`, from its diagonal down, less the outer product of column `from` over its pivot.
-  void subtract(int from, int to) {
-    const Scalar* pivot_column = &at(0, from);
-    const Scalar factor = pivot_column[to] * inverse_pivots_[static_cast<std::size_t>(from)];
-    Scalar* column = &at(0, to);
-    for (int i = to; i <= size(); ++i) column[i] -= factor * pivot_column[i];
+  // The columns behind a pivot's, and the right-hand side, less the outer product of it over its pivot.
+  void subtract(int pivot) {
+    const Scalar* pivot_column = &at(0, pivot);
+    const Scalar inverse = inverse_pivots_[static_cast<std::size_t>(pivot)];
+    const auto subtract_from = [&](Scalar* column, int first, Scalar factor) {
+      for (int i = first; i < size(); ++i) column[i] -= factor * pivot_column[i];
+    };
+    for (int j = pivot + 1; j < size(); ++j) subtract_from(&at(0, j), j, pivot_column[j] * inverse);
+    subtract_from(right_.data(), pivot + 1, right_[static_cast<std::size_t>(pivot)] * inverse);
   }
 
   // Pivots k and k + 1. The reciprocal of the second is the first over the determinant d of both, which is
@@ -380,7 +422,7 @@ class NewtonMatrix {
     right_[k + 1] -= ratio * right_[k];
 
     // The columns below both pivots, by pairs of rows.
-    constexpr int kPairs = (kPadded - k - 2) / 2;
+    constexpr int kPairs = (stride_of(kSize) - k - 2) / 2;
     Pair p[kPairs + 1], q[kPairs + 1];  // std::array would forget that they are vectors
     unroll<0, kPairs>([&](auto r) {
       p[r] = load(&at(k + 2 + 2 * r, k));
@@ -409,9 +451,12 @@ class NewtonMatrix {
   int negative_ = -1;                     // the pivot most negative beside its node's stiffness
   Scalar most_negative_ = -1;             // in units of its rounding
   typename System::NodeVector rounding_;  // of the pivots of a node
-  Storage<kUnrolled ? kPadded * kPadded : (kMaxSize + 1) * kMaxSize> values_{};    // column-major
-  std::array<Scalar, kUnrolled ? static_cast<std::size_t>(kPadded) : 0> right_{};  // g, if unrolled
+  static constexpr int kMaxStride = kMaxSize == Eigen::Dynamic ? 0 : stride_of(kMaxSize);
+  Storage<kMaxStride*(kUnrolled ? kMaxStride : kMaxSize)> values_{};  // column-major
+  Storage<kMaxStride> right_{};                                       // g, then L^-1 g
   Storage<kMaxSize> inverse_pivots_{};
+  bool has_springs_ = false;
+  Springs springs_;
 };
 
 }  // namespace detail

@@ -24,9 +24,10 @@ inline namespace ASTERISM_ABI {
 
 /// The default: the method that is fastest for a system of this size, linking and strength of anchors.
 ///
-///   up to 8 nodes                                   Newton
-///   up to 16 nodes, links at the start near rest,
-///   or all nodes on a line or, in space, a plane    Newton
+///   up to 8 nodes, or 12 in the plane               Newton
+///   up to 48 nodes, or 32 in space, links at the
+///   start near rest, or all nodes on a line or, in
+///   space, a plane                                  Newton
 ///   up to 12 nodes, few links a node                Newton
 ///   more, a third of all pairs linked or more       Lbfgs from the factored K_dyn
 ///   few links a node, up to 1000 nodes              "newton-cg", see system_methods
@@ -36,7 +37,8 @@ inline namespace ASTERISM_ABI {
 ///   a floppy system on weak anchors                 "newton-sparse" from 100 to 30,000 nodes
 ///
 /// Links are near rest if their strain, (r - mu) / mu, is at most a quarter in the root mean square, as where
-/// a tracker starts from the placement in the frame before: Newton then needs few iterations.
+/// a tracker starts from the placement in the frame before: Newton then needs few iterations. Header-only or
+/// in float, where Newton is without wide vectors, the bounds are 8 and 16 nodes.
 ///
 /// Anchors are weak if most of them have less than 5e-5 of the stiffness that the links of a node have on
 /// average, so also where few nodes have an anchor, however stiff. A system with fewer links than
@@ -77,8 +79,15 @@ class Auto {
 
   Summary run(const System& system, Points& x);
 
-  static constexpr int kNewton = 8;
-  static constexpr int kNewtonNearRest = 16;
+#ifdef ASTERISM_SOLVER_COMPILED
+  static constexpr bool kVectors = std::is_same_v<Scalar, double>;
+#else
+  static constexpr bool kVectors = false;
+#endif
+  static constexpr int kFew = 8;
+  static constexpr int kCoordinates = System::kDim == 1 ? 2 : System::kDim;  // Newton's time grows with them
+  static constexpr int kNewton = kVectors ? 24 / kCoordinates : kFew;
+  static constexpr int kNewtonNearRest = kVectors ? 96 / kCoordinates : 16;
   static constexpr int kNewtonOfFewLinks = 12;
   static constexpr Scalar kNearRest = Scalar(0.25);
   static constexpr int kSmallSparse = 1000;
@@ -88,7 +97,7 @@ class Auto {
   static constexpr Scalar kWeak = Scalar(5e-5);
   static constexpr Scalar kWeakForFloppy = Scalar(5e-3);
   static constexpr bool kHeap = System::kMaxNodes == Eigen::Dynamic;
-  static constexpr bool kHasMore = kHeap || System::kMaxNodes > kNewton;
+  static constexpr bool kHasMore = kHeap || System::kMaxNodes > kFew;
 
   struct Nothing {
     AlignedOptions options;

@@ -101,6 +101,15 @@ class Newton {
     return matrix_.assemble(system, x, clamps_, gradient);
   }
 
+  // Takes x as the result.
+  void adopt(const System& system, const Points& x) {
+    if (matrix_.rounds_alike()) {
+      session_.adopt(x, energy_, gradient_);
+    } else {
+      session_.evaluate(system, x);
+    }
+  }
+
   // What of `iterate` the compiled library has in vectors. False, with nothing changed, if it does not serve.
   bool iterate_compiled(const System& system, Points& x, Summary& summary, bool& converged) {
     if constexpr (detail::kHasFourNodes<System>) {
@@ -315,7 +324,7 @@ Status Newton<System>::iterate(const System& system, Points& x, Summary& summary
     const bool stationary = session_.stationary(gradient_);
     const bool last = summary.iterations == options.max_iterations || session_.stopped();
     if (last && !stationary) {
-      session_.adopt(x, energy_, gradient_);
+      adopt(system, x);
       summary.positive_definite.reset();
       return Status::MaxIterations;
     }
@@ -332,7 +341,7 @@ Status Newton<System>::iterate(const System& system, Points& x, Summary& summary
       if (!last &&
           (is_minimum ? polish(system, x, summary) : options.escape_saddles && escape(system, x, summary)))
         continue;
-      session_.adopt(x, energy_, gradient_);
+      adopt(system, x);
       return Status::Converged;
     }
     const Scalar decrement = matrix_.solve(step_);  // step = H^-1 g, decrement = g^T H^-1 g

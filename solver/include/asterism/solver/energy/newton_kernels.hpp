@@ -1,0 +1,75 @@
+#pragma once
+
+#include <asterism/solver/base/export.hpp>
+#include <cstddef>
+
+// The border between Newton's matrix and its compiled kernels; see asterism/solver/batch/batch_kernels.hpp
+// for what may not be on it.
+namespace asterism::lanes_v0_1 {
+
+/// Rows and columns of what the kernels read and write begin at multiples of these many numbers.
+inline constexpr int kAlignedRows = 8;
+
+/// `count` rounded up to such a multiple.
+constexpr std::ptrdiff_t aligned_rows(std::ptrdiff_t count) {
+  return (count + kAlignedRows - 1) / kAlignedRows * kAlignedRows;
+}
+
+/// Hooke's springs between all pairs of nodes. What has a number for each node is followed by zeros up to
+/// `stride`.
+struct SpringHessian {
+  int nodes;
+  int dim;                    ///< 2 or 3
+  std::ptrdiff_t stride;      ///< aligned_rows(nodes)
+  const double* stiffness;    ///< `stride` numbers for each node, its springs to all nodes; 0 to itself
+  const double* rest_length;  ///< likewise
+  const double* points;       ///< a row of `stride` numbers for each coordinate
+  bool clamp;                 ///< without negative curvature
+  double* gradient;           ///< as `points`: that of the springs is added
+  /// The nodes' own blocks of the Hessian, symmetric: a row for each of (0, 0), (0, 1), (1, 1), (0, 2), ...;
+  /// in the end the sums with those of the springs.
+  double* own;
+  double* hessian;      ///< its lower triangle, column after column, the nodes' coordinates side by side
+  std::ptrdiff_t rows;  ///< from one column to the next: at least dim * stride
+};
+
+/// The energy of the springs; not finite where a spring is shorter than the root of kLeastLengthSquare, or
+/// the gradient is not finite. Numbers of the Hessian above the diagonal and below its last row are finite.
+ASTERISM_API double differentiate(const SpringHessian& springs);
+
+/// A symmetric matrix and a right-hand side.
+struct NewtonEquations {
+  int size;
+  int dim;              ///< of coordinates: as many rows have one rounding
+  std::ptrdiff_t rows;  ///< from one column to the next: a multiple of kAlignedRows, not less than size
+  /// The lower triangle counts. In the end, columns of L D, where L D L^T = H + repair.
+  double* matrix;
+  double* right;           ///< `rows` numbers; in the end L^-1 of the right-hand side
+  double* inverse_pivots;  ///< one over D
+  const double* rounding;  ///< of a node's pivots
+  double flat;  ///< times a node's rounding: what a pivot becomes that is rounding alone; 1 if that is 0
+};
+
+/// What became of the pivots.
+struct Pivots {
+  bool repaired;         ///< one was negative, which is now its absolute value, or rounding alone
+  int negative;          ///< the most negative one in units of its rounding; -1 if there is none
+  double most_negative;  ///< in these units; -1 if there is none
+};
+
+ASTERISM_API Pivots eliminate(const NewtonEquations& equations);
+
+/// The solution of L D L^T p = g from what `eliminate` leaves.
+struct NewtonStep {
+  int size;
+  std::ptrdiff_t rows;
+  const double* matrix;
+  const double* right;           ///< L^-1 g
+  const double* inverse_pivots;  ///< one over D
+  double* step;                  ///< `size` numbers
+};
+
+/// Returns g . p.
+ASTERISM_API double substitute(const NewtonStep& step);
+
+}  // namespace asterism::lanes_v0_1
