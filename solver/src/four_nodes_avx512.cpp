@@ -245,15 +245,16 @@ ASTERISM_INLINE bool is_stationary(const System& s, V gradient) {
 ASTERISM_INLINE double rounding_of(double energy) { return kTerms * kEpsilon * energy; }
 
 // Whether Newton::may_turn_indefinite.
-bool may_turn_indefinite(const FourNodes& at, const Pivots& pivots, double square) {
+bool may_turn_indefinite(const FourNodes& at, const Pivots& pivots, double square, V x) {
   double least = kInfinity;
   for (int i = 0; i < 4; ++i) {
     const double first = pivots.first[i], second = pivots.determinant[i] / first;
     const double pivot = (first < second ? first : second) / at.node_stiffness[i];
     least = pivot < least ? pivot : least;
   }
-  const double flat = 1e-3 * least * at.length;
-  return square > flat * flat;
+  const V offsets = x - sum_of_nodes(x) * L::set(0.25);
+  const double spread = dot(offsets, offsets) / 4, length_square = at.length * at.length, flat = 1e-3 * least;
+  return square > flat * flat * (spread < length_square ? spread : length_square);
 }
 
 // Newton::search.
@@ -293,7 +294,7 @@ ASTERISM_INLINE bool finish(FourNodesSearch& at, const System& s, V direction, P
   if (!(next.energy <= here.energy + rounding_of(here.energy) && is_stationary(s, next.gradient)))
     return false;
   const V moved = next_x - x;
-  if (may_turn_indefinite(at.nodes, pivots, dot(moved, moved))) {
+  if (may_turn_indefinite(at.nodes, pivots, dot(moved, moved), x)) {
     ++at.factorizations;
     solve(s, columns, next.gradient, pivots);
   }

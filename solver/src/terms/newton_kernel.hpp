@@ -61,7 +61,10 @@ double differentiate_in(const SpringHessian& springs) {
       is_short = L::either(is_short, L::both(L::less(square, least), L::less(zero, k)));
       square = L::max(square, least);
       const V inverse = L::inverse_sqrt(square);
-      const V stretch = square * inverse - L::load(springs.rest_length + j * springs.stride + i);
+      // A step of Newton's for the root, as its rounding is what limits the force of a spring near rest.
+      const V near = square * inverse, half = inverse * L::set(0.5);
+      const V length = L::fma(L::fnma(near, near, square), half, near);
+      const V stretch = length - L::load(springs.rest_length + j * springs.stride + i);
       const V tension = k * stretch, force = tension * inverse;
       energy = L::fma(tension, stretch, energy);
       const V across = L::max(least_across, force), difference = k - across;

@@ -68,6 +68,7 @@ template <typename System>
 class Newton {
  public:
   using Scalar = typename System::Scalar;
+  using Point = typename System::Point;
   using Points = typename System::Points;
 
   NewtonOptions options;
@@ -121,8 +122,8 @@ class Newton {
       energy_ = session_.energy();
       gradient_ = session_.gradient();
       clamps_ = at.clamps;
-      converged = at.converged && session_.stationary(gradient_);
-      if (converged) summary.positive_definite = at.definite;
+      converged = at.converged && at.definite && session_.stationary(gradient_);
+      if (converged) summary.positive_definite = true;
       summary.iterations = at.iterations;
       summary.energy_evaluations = summary.gradient_evaluations = at.evaluations;
       summary.factorizations = summary.linear_solves = at.factorizations;
@@ -141,7 +142,7 @@ class Newton {
     if (!(session_.energy() <= energy_ + detail::rounding_of_energy(system, x, energy_))) return false;
     if (!session_.stationary(session_.gradient())) return false;
     if (detail::peaked_link(system, next_x_) >= 0) return false;
-    const bool may_turn = may_turn_indefinite((next_x_ - x).squaredNorm());
+    const bool may_turn = may_turn_indefinite((next_x_ - x).squaredNorm(), x);
     x = next_x_;
     ++summary.iterations;
     session_.report(x, session_.gradient(), summary.iterations);
@@ -153,11 +154,15 @@ class Newton {
     return true;
   }
 
-  // Whether a step of this squared length could make the Hessian indefinite, which it may do if the Hessian
-  // was nearly singular before.
-  bool may_turn_indefinite(Scalar square) const {
-    const Scalar flat = kFlatShare * matrix_.least_pivot() * session_.length();
-    return square > flat * flat;
+  // Whether a step of this squared length from x could make the Hessian indefinite, which it may do if the
+  // Hessian was nearly singular before. Nodes may be much nearer to each other than an anchor is that is far
+  // off.
+  bool may_turn_indefinite(Scalar square, const Points& x) const {
+    const Point centroid = x.rowwise().mean();
+    Scalar spread = 0;
+    for (Eigen::Index i = 0; i < x.cols(); ++i) spread += (x.col(i) - centroid).squaredNorm();
+    const Scalar length = session_.length(), flat = kFlatShare * matrix_.least_pivot();
+    return square > flat * flat * std::min(length * length, spread / static_cast<Scalar>(x.cols()));
   }
 
   void accept(Points& x, Scalar energy, Summary& summary) {
@@ -347,8 +352,11 @@ Status Newton<System>::iterate(const System& system, Points& x, Summary& summary
     const Scalar decrement = matrix_.solve(step_);  // step = H^-1 g, decrement = g^T H^-1 g
     ++summary.linear_solves;
     const Scalar scale = detail::energy_scale(system, x, energy_);
-    if (definite && !clamps_ && decrement <= 2 * session_.tolerance() * scale && finish(system, x, summary))
-      return Status::Converged;
+    if (definite && !clamps_ && decrement <= 2 * session_.tolerance() * scale && finish(system, x, summary)) {
+      if (summary.positive_definite == true) return Status::Converged;
+      is_assembled = false;  // the step led to a saddle
+      continue;
+    }
     // Far off: the step promises to lose more than half of the energy.
     clamps_ = decrement > scale && summary.iterations + 1 < kClampedSteps;
     if (!search(system, x, decrement, summary) && !majorise(system, x, summary)) return Status::NoProgress;
