@@ -56,6 +56,11 @@ struct Double8 {
     const V e = fnma(a * y, y, set(1));
     return fma(y * e, fma(fma(set(0.3125), e, set(0.375)), e, set(0.5)), y);
   }
+  // The root of a, to rounding, where inverse_sqrt(a) is known.
+  ASTERISM_INLINE V sqrt(V a, V inverse) {
+    const V near = a * inverse;
+    return fma(fnma(near, near, a), inverse * set(0.5), near);
+  }
   ASTERISM_INLINE M less(V a, V b) { return _mm512_cmp_pd_mask(a, b, _CMP_LT_OQ); }
   ASTERISM_INLINE M at_most(V a, V b) { return _mm512_cmp_pd_mask(a, b, _CMP_LE_OQ); }
   ASTERISM_INLINE V select(M m, V a, V b) { return _mm512_mask_blend_pd(m, b, a); }
@@ -138,6 +143,7 @@ struct Double4 {
   }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }
   ASTERISM_INLINE V inverse_sqrt(V a) { return set(1) / sqrt(a); }
+  ASTERISM_INLINE V sqrt(V a, V) { return sqrt(a); }
   ASTERISM_INLINE M less(V a, V b) { return _mm256_cmp_pd(a, b, _CMP_LT_OQ); }
   ASTERISM_INLINE M at_most(V a, V b) { return _mm256_cmp_pd(a, b, _CMP_LE_OQ); }
   ASTERISM_INLINE V select(M m, V a, V b) { return _mm256_blendv_pd(b, a, m); }
@@ -238,6 +244,7 @@ struct Double2 {
   ASTERISM_INLINE V high_pairs(V a, V b) { return _mm_unpackhi_pd(a, b); }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }
   ASTERISM_INLINE V inverse_sqrt(V a) { return set(1) / sqrt(a); }
+  ASTERISM_INLINE V sqrt(V a, V) { return sqrt(a); }
   ASTERISM_INLINE M less(V a, V b) { return _mm_cmplt_pd(a, b); }
   ASTERISM_INLINE M at_most(V a, V b) { return _mm_cmple_pd(a, b); }
   ASTERISM_INLINE V select(M m, V a, V b) { return _mm_or_pd(_mm_and_pd(m, a), _mm_andnot_pd(m, b)); }
@@ -370,6 +377,7 @@ struct Lanes4 {
     return each([&](int i) ASTERISM_INLINED { return 1 / a.at[i]; });
   }
   ASTERISM_INLINE V inverse_sqrt(V a) { return inverse(sqrt(a)); }
+  ASTERISM_INLINE V sqrt(V a, V) { return sqrt(a); }
   ASTERISM_INLINE M less(V a, V b) {
     return each_mask([&](int i) ASTERISM_INLINED { return a.at[i] < b.at[i]; });
   }

@@ -61,9 +61,8 @@ double differentiate_in(const SpringHessian& springs) {
       is_short = L::either(is_short, L::both(L::less(square, least), L::less(zero, k)));
       square = L::max(square, least);
       const V inverse = L::inverse_sqrt(square);
-      // A step of Newton's for the root, as its rounding is what limits the force of a spring near rest.
-      const V near = square * inverse, half = inverse * L::set(0.5);
-      const V length = L::fma(L::fnma(near, near, square), half, near);
+      // Where springs are nearly at rest, the rounding of a length is what limits their force.
+      const V length = L::sqrt(square, inverse);
       const V stretch = length - L::load(springs.rest_length + j * springs.stride + i);
       const V tension = k * stretch, force = tension * inverse;
       energy = L::fma(tension, stretch, energy);
