@@ -1,4 +1,4 @@
-"""Numbers, symmetric matrices and sparse ones, as every function of the package takes them, the default of threads, and the repr of results."""
+"""Numbers, names, symmetric matrices and sparse ones, as every function of the package takes them, the default of threads, and the repr of results."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ._asterism import _numbers as numbers
+from .names import shown
 
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 
-__all__ = ["array", "brief", "by_node", "count", "counted", "entries", "is_sparse", "items", "joint_pairs", "number", "numbers", "pairs_of", "processors", "square"]
+__all__ = ["array", "brief", "by_node", "choice", "count", "counted", "entries", "is_sparse", "items", "joint_pairs", "number", "numbers", "pairs_of", "positive", "processors", "shown", "square"]
 
 # numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
 # become `missing`; where there is none, and for anything else than an array of real numbers, TypeError. ValueError for another shape.
@@ -43,9 +44,20 @@ def count(value: Any, name: str, least: int = 1) -> int:
 def items(values: Any, name: str, expected: str) -> list[Any]:
     """The items of what can be iterated over."""
     try:
-        return list(values)
+        if not isinstance(values, (str, bytes)):
+            return list(values)
     except TypeError:
-        raise TypeError(f"{name}: expected {expected}, found {type(values).__name__}") from None
+        pass
+    raise TypeError(f"{name}: expected {expected}, found {type(values).__name__}")
+
+
+def choice(value: Any, name: str, among: tuple[Any, ...], note: str = "") -> Any:
+    """One of `among`: names, True, False or small integers; a NumPy scalar as Python's own. note: what else the error says."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    if not isinstance(plain, (bool, int, float, str)) or plain not in among:
+        *others, last = map(repr, among)
+        raise ValueError(f"{name}: expected {', '.join(others)} or {last}{note}, found {shown(value)}")
+    return among[among.index(plain)]
 
 
 def counted(number: int, what: str) -> str:
@@ -58,6 +70,14 @@ def number(value: Any, name: str) -> float:
     found = float(numbers(value, name, ()))
     if not np.isfinite(found):
         raise ValueError(f"{name}: expected a finite number, found {found}")
+    return found
+
+
+def positive(value: Any, name: str) -> float:
+    """A finite number > 0."""
+    found = number(value, name)
+    if not found > 0:
+        raise ValueError(f"{name}: expected a finite number > 0, found {found}")
     return found
 
 
@@ -123,7 +143,7 @@ def by_node(values: Any, name: str, nodes: list[Any]) -> Any:
     known = set(nodes)
     for node in values:
         if node not in known:
-            raise ValueError(f"{name}: {node!r} is not a node of the graph")
+            raise ValueError(f"{name}: {shown(node)} is not a node of the graph")
     if not values:
         return None
     missing = np.full(np.shape(next(iter(values.values()))), np.nan)

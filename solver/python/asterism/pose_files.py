@@ -217,9 +217,10 @@ def write_points(
     values = inputs.numbers(points, "points", missing=np.nan)
     if values.ndim != 3 or values.shape[2] not in (2, 3):
         raise ValueError(f"points: expected shape (frames, joints, 2 or 3), found {values.shape}")
-    if len(joints) != values.shape[1] or len(set(joints)) != len(joints):
+    joints = inputs.items(joints, "joints", "a list of names")
+    if not all(isinstance(joint, str) for joint in joints) or len(joints) != values.shape[1] or len(set(joints)) != len(joints):
         raise ValueError(f"joints: expected {values.shape[1]} different names")
-    titles = [str(t) for t in range(len(values))] if frames is None else list(frames)
+    titles = [str(t) for t in range(len(values))] if frames is None else inputs.items(frames, "frames", "a list of names")
     if len(titles) != len(values):
         raise ValueError(f"frames: expected {len(values)}, found {len(titles)}")
     belief = None if confidence is None else inputs.numbers(confidence, "confidence", values.shape[:2])
