@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import operator
 import os
-from collections.abc import Mapping
+import shutil
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from .names import shown
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 
-__all__ = ["array", "brief", "by_node", "choice", "count", "counted", "entries", "is_sparse", "items", "joint_pairs", "number", "numbers", "pairs_of", "positive", "processors", "shown", "square"]
+__all__ = ["array", "brief", "by_node", "choice", "count", "counted", "entries", "is_sparse", "items", "joint_pairs", "number", "numbers", "pairs_of", "positive", "processors", "shown", "square", "whole_file"]
 
 # numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
 # become `missing`; where there is none, and for anything else than an array of real numbers, TypeError. ValueError for another shape.
@@ -102,6 +104,27 @@ def brief(result: Any) -> str:
 def processors() -> int:
     """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextlib.contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[str]:
+    """The name to write to, of a file that becomes `path` when all is written: where writing fails, the old one is still there, or none."""
+    target = os.path.realpath(path)
+    is_file = os.path.isfile(target) or not os.path.exists(target)  # no device, nor a folder, which nothing opens
+    name = f"{target}.{os.getpid()}.part" if is_file else target
+    try:
+        yield name
+        if is_file and os.path.exists(target):
+            shutil.copymode(target, name)
+        if is_file:
+            os.replace(name, target)
+    except BaseException as error:
+        if is_file:
+            with contextlib.suppress(OSError):
+                os.remove(name)
+        if isinstance(error, OSError):
+            error.filename = os.fspath(path)
+        raise
 
 
 def is_sparse(matrix: Any) -> bool:

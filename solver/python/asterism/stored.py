@@ -73,4 +73,5 @@ def write_systems(path: str | os.PathLike[str], systems: Iterable[StoredSystem])
     TypeError for an origin that JSON cannot hold. Then nothing is written.
     """
     lines = [_to_json(stored) for stored in inputs.items(systems, "systems", "a list of StoredSystems")]
-    pathlib.Path(path).write_text("".join(lines), encoding="utf-8")
+    with inputs.whole_file(path) as name:
+        pathlib.Path(name).write_text("".join(lines), encoding="utf-8")
