@@ -6,6 +6,7 @@
 #include <pybind11/pybind11.h>
 
 #include <algorithm>
+#include <array>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -33,6 +34,9 @@ void bind_placement(py::module_& m);
 void bind_pose(py::module_& m);
 void bind_json(py::module_& m);
 void bind_trackers(py::module_& m);
+
+/// After all of these: functions that get wrong arguments name them.
+void explain_arguments(py::module_& m);
 
 /// asterism.SpringSystem. Use it with the GIL held.
 class AnySystem {
@@ -190,6 +194,14 @@ inline py::array_t<double> numbers(const py::object& object, const char* name, c
   return array;
 }
 
+/// The same as an array of C++.
+template <std::size_t Count>
+std::array<double, Count> numbers(const py::object& object, const char* name) {
+  std::array<double, Count> values;
+  std::copy_n(numbers(object, name, {Count}).data(), Count, values.begin());
+  return values;
+}
+
 /// Assigns numbers to all of an array, by NumPy's rules for shapes that differ; ValueError where they do not
 /// fit.
 inline void assign(const py::array& to, const py::object& values, const char* name) {
@@ -258,6 +270,11 @@ void def_reduce(Class& type) {
     const py::object object = py::module_::import("builtins").attr("object");
     return object.attr("__reduce_ex__")(self, std::max(protocol, 2));
   });
+}
+
+/// A wrong value, in a message of one line.
+inline std::string shown(const py::handle& value) {
+  return py::module_::import("asterism.names").attr("shown")(value).cast<std::string>();
 }
 
 /// The value of an option: a NumPy scalar, or an array of no dimensions, as the equivalent Python object

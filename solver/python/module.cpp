@@ -23,5 +23,6 @@ PYBIND11_MODULE(_asterism, m) {
 #ifdef ASTERISM_PYTHON_TRACKERS
   bind_trackers(m);
 #endif
+  explain_arguments(m);
   m.attr("__name__") = name;
 }

@@ -162,8 +162,7 @@ void bind_path(py::module_& m) {
       "The energy is that of locate_path, over a window of the last positions; older ones are marginalised. "
       "After every\n"
       "settle_every ranges, and after settle(), the estimate is at the minimum: see docs/locate.md.")
-      .def(py::init([](double shortest, const std::optional<std::array<double, 3>>& start,
-                       const std::optional<std::array<double, 2>>& start_sigma, int window,
+      .def(py::init([](double shortest, const py::object& start, const py::object& start_sigma, int window,
                        std::optional<double> cutoff, double turn_sigma, double step_sigma, int settle_every) {
              PathStreamOptions options;
              options.window = window;
@@ -171,8 +170,8 @@ void bind_path(py::module_& m) {
              options.turn_sigma = turn_sigma;
              options.step_sigma = step_sigma;
              options.shortest = shortest;
-             if (start) options.start = *start;
-             if (start_sigma) options.start_sigma = *start_sigma;
+             if (!start.is_none()) options.start = numbers<3>(start, "start");
+             if (!start_sigma.is_none()) options.start_sigma = numbers<2>(start_sigma, "start_sigma");
              options.settle_every = settle_every;
              if (const char* problem = options.problem()) throw py::value_error(problem);
              return PathStream(options);
@@ -196,8 +195,9 @@ void bind_path(py::module_& m) {
           "are not finite.")
       .def(
           "range",
-          [](PathStream& stream, const std::array<double, 2>& beacon, double range, double sigma) {
-            checked(stream.range(beacon[0], beacon[1], range, sigma));
+          [](PathStream& stream, const py::object& beacon, double range, double sigma) {
+            const auto [x, y] = numbers<2>(beacon, "beacon");
+            checked(stream.range(x, y, range, sigma));
           },
           py::arg("beacon"), py::arg("range"), py::arg("sigma"),
           "A range to the beacon at (x, y), and its standard deviation [m]; NaN if nothing was heard. "

@@ -174,7 +174,8 @@ void bind_solvers(py::module_& m) {
       .def_readonly("factorizations", &Summary::factorizations, "Of a matrix.")
       .def_readonly("initial_energy", &Summary::initial_energy, "E at the x given.")
       .def_readonly("final_energy", &Summary::final_energy, "E at the x returned.")
-      .def_readonly("lower_bound", &Summary::lower_bound, "No x has less energy; only with the option gap.")
+      .def_readonly("lower_bound", &Summary::lower_bound,
+                    "No x has less energy; -1 where no such bound is known, as without the option gap.")
       .def_readonly("gradient_norm", &Summary::gradient_norm, "|dE/dx| at the x returned.")
       .def_readonly("stationarity", &Summary::stationarity, "At the x returned; see stationarity().")
       .def_property_readonly(

@@ -82,8 +82,7 @@ class OptionSetter final : public OptionVisitor {
     } catch (const py::cast_error&) {  // refused below
     }
     const char* expected = kBool ? "a bool" : std::is_same_v<T, double> ? "a number" : "an integer in range";
-    throw py::type_error("option " + name_ + ": expected " + expected + ", found " +
-                         py::repr(given_).cast<std::string>());
+    throw py::type_error("option " + name_ + ": expected " + expected + ", found " + shown(given_));
   }
 
   std::string name_;

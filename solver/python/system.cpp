@@ -817,7 +817,7 @@ void bind_system(py::module_& m) {
       },
       py::arg("name"), py::arg("function"), py::arg("convex_in_square") = false,
       "Gives a function a name, by which links take it as their law from then on, also from files:\n"
-      "function(lengths, rest_lengths) returns arrays of values and of first and second derivatives by\n"
+      "function(lengths, rest_lengths) returns arrays of values >= 0 and of first and second derivatives by\n"
       "the length, for unit stiffness. convex_in_square: whether the value is convex as a function of the\n"
       "length's square, which certificates need. ValueError for a name that is taken.");
 
@@ -936,9 +936,9 @@ void bind_system(py::module_& m) {
          const py::object& coefficients, const py::object& information, const std::string& loss,
          const py::object& scale, const py::object& sharpness) {
         const py::object list = py::module_::import("builtins").attr("list");
-        if (!py::hasattr(coefficients, "__len__") || py::len(coefficients) != 3)
-          throw py::value_error("coefficients: expected three numbers or matrices");
-        const py::list of(list(coefficients));
+        const py::list of(py::module_::import("asterism.inputs")
+                              .attr("items")(coefficients, "coefficients", "three numbers or matrices"));
+        if (of.size() != 3) throw py::value_error("coefficients: expected three numbers or matrices");
         return add_term(self, "differences", nodes_of(triples, "triples", 3, self.system().nodes()),
                         {{"target", "target", target, true},
                          {"stiffness", "stiffness", stiffness},
@@ -974,7 +974,7 @@ void bind_system(py::module_& m) {
       "S) and mu the length, law says what s is: 'hooke' r - mu; 'rope' and 'repulsion' the same where it\n"
       "is positive, or negative, else 0; 'interval' 0 from mu to `upper`, else the distance to the nearer\n"
       "of both; 'logarithm' log(r / mu). Or a function of yours, law(r, mu) -> (value, first, second): the\n"
-      "energies (m,) for unit stiffness and their derivatives by r, for arrays of r and mu (m,);\n"
+      "energies (m,), >= 0, for unit stiffness and their derivatives by r, for arrays of r and mu (m,);\n"
       "convex_in_square: whether it is convex as a function of r^2, which certify() needs to know.",
       py::arg("pairs"), py::arg("lengths"), py::arg("stiffness") = 1, py::kw_only(), py::arg("law") = "hooke",
       py::arg("upper") = py::none(), py::arg("offsets") = py::none(), py::arg("information") = py::none(),

@@ -256,7 +256,7 @@ class MdsTest(unittest.TestCase):
             (lambda: asterism.mds(good, n_jobs=2), TypeError, "asterism.MDS has n_jobs"),
             (lambda: asterism.layout([(0, 1)], partners=0), ValueError, "partners: expected >= 1, found 0"),
             (lambda: asterism.layout([(0, 1)], partners=2.5), TypeError, "partners: expected an integer, found float"),
-            (lambda: asterism.layout_stress([(0, 1)], np.zeros((3, 2))), ValueError, r"x: expected shape \(2, 2\), found \(3, 2\)"),
+            (lambda: asterism.layout_stress([(0, 1)], np.zeros((3, 2))), ValueError, r"x: expected shape \(2, 2\) or \(2, 3\), found \(3, 2\)"),
             (lambda: asterism.layout_stress([(0, 1)], [[0, np.nan], [0, 0]]), ValueError, "x: expected finite numbers"),
         ]:
             with self.subTest(message), self.assertRaisesRegex(error, message):

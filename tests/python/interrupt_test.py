@@ -54,6 +54,7 @@ CALLS = {
         "beacons = random.uniform(0, 10, (12, 3))\nranges = random.uniform(0, 10, (10**5, 12))\nkept = [beacons, ranges]",
         "asterism.locate(beacons, ranges, 2.0, cutoff=3, threads=2)",
     ),
+    "remove_overlaps": ("x = random.uniform(0, 10, (20000, 2))\nkept = [x]", "asterism.remove_overlaps(x, (1, 1))"),
     "certify": (GRAPH, "asterism.certify(s, x)"),
     "covariance": (GRAPH, "asterism.node_covariances(s, x)"),
     "layout, large": ("g = [(i, i + 1) for i in range(100000)]\nkept = []", "asterism.layout(g, iterations=10**6)"),

@@ -11,10 +11,13 @@ import os
 import pathlib
 import pickle
 import re
+import resource
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
+import asterism
 import numpy as np
 from asterism import _asterism, pose, pose_estimate, pose_fuse, pose_tool
 
@@ -825,6 +828,59 @@ class ToolTest(unittest.TestCase):
                 self.assertIn(words, errors)
                 self.assertEqual(errors.count("\n"), 1)
                 self.assertTrue(errors.startswith("asterism-pose: "))
+
+    def test_wrong_options_and_outputs_are_one_line_before_any_work(self):
+        folder = str(self.folder)
+        for arguments, code, words in [
+            ([], 2, "required: FILE, --output/-o; see --help"),
+            ([self.files[0], "-o", "x.csv", "--nope"], 2, "unrecognized arguments: --nope; see --help"),
+            ([self.files[0], "-o", folder + "/no/x.csv"], 1, f"--output {folder}/no/x.csv: no folder {folder}/no"),
+            ([self.files[0], "-o", folder + "/x.csv", "--details", folder + "/no/x.csv"], 1, f"--details {folder}/no/x.csv: no folder {folder}/no"),
+            ([self.files[0], "-o", folder], 1, "expected the name of a file"),
+            ([self.files[0], "-o", "-"], 1, "--output -: expected the name of a file"),
+        ]:
+            errors = io.StringIO()
+            with self.subTest(words), contextlib.redirect_stderr(errors), unittest.mock.patch.object(pose, "fuse", side_effect=AssertionError):
+                try:
+                    found = pose_tool.main(arguments)
+                except SystemExit as stopped:
+                    found = stopped.code
+                self.assertEqual(found, code)
+                self.assertEqual(errors.getvalue().count("\n"), 1)
+                self.assertTrue(errors.getvalue().startswith("asterism-pose: "))
+                self.assertIn(words, errors.getvalue())
+
+    def test_an_interrupt_is_one_line(self):
+        with unittest.mock.patch.object(pose, "fuse", side_effect=KeyboardInterrupt):
+            self.assertEqual(self.run_tool(self.files[0]), (130, "", "asterism-pose: interrupted\n"))
+        self.assertFalse((self.folder / "points.csv").exists())
+
+    def test_files_are_whole_or_as_they_were(self):
+        system = asterism.SpringSystem(asterism.Topology.full(30))
+        system.anchors, system.anchor_stiffness, system.rest_length, system.link_stiffness = 0, 1, 1, 1
+        writers = [("points.csv", lambda path: pose.write_points(path, self.seen[0], self.names))]
+        if hasattr(asterism, "write_systems"):
+            writers.append(("systems.json", lambda path: asterism.write_systems(path, [asterism.StoredSystem(system, np.zeros((30, 2)))])))
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        for name, write in writers:
+            path = self.folder / name
+            for before in (None, "what was there\n"):
+                with self.subTest(name, before=before):
+                    if before:
+                        path.write_text(before)
+                    resource.setrlimit(resource.RLIMIT_FSIZE, (500, hard))  # as a full disk
+                    try:
+                        with self.assertRaises(OSError) as raised:
+                            write(path)
+                    finally:
+                        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+                    self.assertEqual(raised.exception.filename, str(path))
+                    self.assertEqual(path.read_text() if path.exists() else None, before)
+                    self.assertEqual([file for file in self.folder.iterdir() if ".part" in file.name], [])
+            path.chmod(0o640)
+            write(path)
+            self.assertEqual(path.stat().st_mode & 0o777, 0o640)
+            self.assertNotEqual(path.read_text(), before)
 
     def test_no_input_is_overwritten(self):
         before = pathlib.Path(self.files[0]).read_bytes()

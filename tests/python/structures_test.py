@@ -172,7 +172,7 @@ class StructuresTest(unittest.TestCase):
             ([good, good], [], {}, "joints are not one fewer than maps"),
             ([good, good], [Joint(0, 2)], {}, "joint 0 has an end that is out of range"),
             ([good, good], [Joint(0, 1, weight=-1)], {}, "joint 0 has a weight that is negative"),
-            ([good, good], [Joint(0, 1, shape="cubic")], {}, "joint 0: expected the shape"),
+            ([good, good], [Joint(0, 1, shape="cubic")], {}, "joint 0: shape: expected 'quadratic' or 'absolute', found 'cubic'"),
             ([good, good], [Joint(0, 1, offset=(1, 2, 3))], {}, "joint 0: expected offset"),
             ([good, good], [Joint(0, 1, length=2, weight=(1, 2))], {}, "joint 0: expected offset, weight, length and reach"),
             ([good, good], [Joint(0, 1, length=2, truncation=1)], {}, "joint 0: a cost of a length is quadratic"),

@@ -82,7 +82,7 @@ class SurveyTest(unittest.TestCase):
             at = rng.uniform(0, 9, 18 if bias else 12)
 
             def split(unknowns):
-                return unknowns[:12].reshape(6, 2), unknowns[12:] if bias else np.zeros(6)
+                return unknowns[:12].reshape(6, 2), network._unit * unknowns[12:] if bias else np.zeros(6)
 
             gradient, hessian = network.derivatives(*split(at), False)
             for k, step in enumerate(1e-5 * np.eye(len(at))):
@@ -90,6 +90,24 @@ class SurveyTest(unittest.TestCase):
                 self.assertAlmostEqual(gradient[k], (network.energy(*ahead) - network.energy(*behind)) / 2e-5, delta=1e-5)
                 change = (network.derivatives(*ahead, False)[0] - network.derivatives(*behind, False)[0]) / 2e-5
                 np.testing.assert_allclose(hessian[k], change, atol=1e-5)
+
+    def test_biases_that_are_known_to_be_small(self):
+        """A narrow prior is no ill condition: the less the biases may be, the nearer are the places to those without."""
+        for dim in (2, 3):
+            _, _, ranges = scene(6, 7, dim, 0.1, 0)
+            without = asterism.survey(ranges, 0.1, dim=dim)
+            for bias in (1e-5, 1e-8, 1e-30, 1e-140):
+                found = asterism.survey(ranges, 0.1, bias=bias, dim=dim)
+                np.testing.assert_allclose(distances(found.x), distances(without.x), atol=1e-5 + 100 * bias)
+                np.testing.assert_allclose(found.covariance, without.covariance, rtol=1e-3, atol=1e-6)
+                np.testing.assert_allclose(found.bias_sigma, bias, rtol=1e-3)
+
+    def test_numbers_that_leave_the_range_are_named(self):
+        _, _, ranges = scene(6, 5, 2, 0.1, 0)
+        for out_of_range in (1e308, 1e-320):
+            for arguments, name in (({"sigma": out_of_range}, "sigma"), ({"bias": out_of_range}, "bias")):
+                with self.assertRaisesRegex(ValueError, f"^{name}: its square is out of range"):
+                    asterism.survey(ranges, **arguments)
 
     def test_errors_are_as_large_as_the_covariances_say(self):
         for dim, bias in ((2, 0.0), (2, 0.3), (3, 0.3)):

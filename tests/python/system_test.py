@@ -351,6 +351,15 @@ class FormulaTest(unittest.TestCase):
         system.terms[0].scale, system.terms[0].loss = 3, "geman-mcclure"
         links.loss, links.scale = "huber", 1
         self.assertIn("links", system.certify(x).reason)
+        self.assertEqual(system.certify(x).lower_bound, 0)  # of all losses
+        pulled, _, _ = square()
+        pulled.add_loads([1, 0])
+        pulled.add_areas([[0, 1, 2]], 3)
+        own, _, _ = square()
+        own.add_elements([[0, 1]], lambda points: ((points**2).sum((1, 2)) - 1e6, 2 * points))
+        for system in (pulled, own):  # whose energies may be below 0
+            certificate = system.certify(corners)
+            self.assertEqual((certificate.proof, certificate.lower_bound), ("not applicable", -np.inf))
 
     def test_turning_offsets(self):
         # In the plane, over x and the numbers (a, b) of a similarity, it is linear least squares.

@@ -49,6 +49,21 @@ class TorchTest(unittest.TestCase):
             expected += one[3].grad
         torch.testing.assert_close(shared[2].grad, expected)
 
+    def test_what_has_no_numbers_is_named(self):
+        values = [value.detach() for value in self.values]
+        for k, name in enumerate(("anchors", "anchor_stiffness", "rest_length", "link_stiffness")):
+            for change, message in (
+                (lambda v: v.to_sparse(), "expected a dense tensor, found torch.sparse_coo"),
+                (lambda v: v.to("meta"), "a tensor of the device 'meta' has no numbers"),
+                (lambda v: v.to(torch.complex64), "expected real numbers, found torch.complex64"),
+            ):
+                with self.assertRaisesRegex(TypeError, f"^{name}: {message}"):
+                    self.solve(*values[:k], change(values[k]), *values[k + 1 :])
+        with self.assertRaisesRegex(TypeError, "^topology: expected asterism.Topology, found 3"):
+            asterism.torch.solve(3, *values)
+        with self.assertRaisesRegex(TypeError, "^solver: expected asterism.Solver or None, found 'newton'"):
+            self.solve(*values, solver="newton")
+
     def test_a_solver_one_by_one_gives_the_same(self):
         results = []
         for solver in (None, asterism.Solver("newton", tolerance=1e-12)):

@@ -61,11 +61,11 @@ cv::Mat mat_of(const py::object& image, py::array& copy) {
                  const_cast<void*>(array.data()), static_cast<std::size_t>(array.strides(0)));
 }
 
-using Range = std::optional<std::pair<double, double>>;
-/// Raises ValueError for a range that Frame would refuse.
-std::optional<PixelRange> range_of(const Range& range) {
-  if (!range) return {};
-  const PixelRange found{range->first, range->second};
+/// Two numbers or None. Raises ValueError for a range that Frame would refuse.
+std::optional<PixelRange> range_of(const py::object& range) {
+  if (range.is_none()) return {};
+  const auto [black, white] = numbers<2>(range, "pixel_range");
+  const PixelRange found{black, white};
   const Frame check(cv::Mat::zeros(1, 1, CV_8UC1), found);
   return found;
 }
@@ -114,13 +114,12 @@ Region region_of(const py::object& object, const cv::Size& image) {
 std::string description_of(const std::string& name, const py::object& options) {
   if (options.is_none()) return name;
   if (!py::isinstance<py::dict>(options)) {
-    throw py::type_error("options: expected a dict or None, found " + py::repr(options).cast<std::string>());
+    throw py::type_error("options: expected a dict or None, found " + shown(options));
   }
   const py::cpp_function number([](const py::object& value) {
     const py::object result = plain(value);
     if (!result.is(value)) return result;
-    throw py::type_error("options: expected numbers, bools, names and dicts, found " +
-                         py::repr(value).cast<std::string>());
+    throw py::type_error("options: expected numbers, bools, names and dicts, found " + shown(value));
   });
   try {
     return name + py::module_::import("json")
@@ -213,7 +212,7 @@ class Tracker {
  public:
   using BoundToPython = void;
 
-  Tracker(const std::string& name, const py::object& options, const Range& range)
+  Tracker(const std::string& name, const py::object& options, const py::object& range)
       : Tracker(name, description_of(name, options), range) {}
 
   const std::string& name() const { return name_; }
@@ -256,20 +255,20 @@ class Tracker {
 
   py::tuple pickled() {
     const py::object state = started_ ? py::object(save()) : py::none();
-    const Range range = range_ ? Range({range_->black, range_->white}) : Range();
-    return py::make_tuple(name_, description_, py::cast(range), state);
+    const py::object range = range_ ? py::object(py::make_tuple(range_->black, range_->white)) : py::none();
+    return py::make_tuple(name_, description_, range, state);
   }
 
   static std::unique_ptr<Tracker> unpickled(const py::tuple& state) {
     const Fields fields(state, 4);
     std::unique_ptr<Tracker> made(
-        new Tracker(fields[0].cast<std::string>(), fields[1].cast<std::string>(), fields[2].cast<Range>()));
+        new Tracker(fields[0].cast<std::string>(), fields[1].cast<std::string>(), fields[2]));
     if (!fields[3].is_none()) made->restore(fields[3]);
     return made;
   }
 
  private:
-  Tracker(std::string name, std::string description, const Range& range)
+  Tracker(std::string name, std::string description, const py::object& range)
       : name_(std::move(name)),
         description_(std::move(description)),
         tracker_(make_tracker(description_)),
@@ -294,7 +293,7 @@ class Objects {
  public:
   using BoundToPython = void;
 
-  Objects(int threads, const Range& range) : objects_(threads), range_(range_of(range)) {}
+  Objects(int threads, const py::object& range) : objects_(threads), range_(range_of(range)) {}
 
   void add(int id, const py::object& image, const py::object& box, const std::string& name,
            const py::object& options) {
@@ -498,14 +497,24 @@ void bind_trackers(py::module_& m) {
       "`dpt+MODEL` as Tracker(\"dpt\", ..) takes it. ValueError as for Tracker.");
   m.def(
       "smooth_track",
-      [](const py::object& box, std::vector<TrackResult> results,
-         const std::optional<std::vector<int>>& shape) {
-        if (shape && (shape->size() < 2 || (*shape)[0] < 1 || (*shape)[1] < 1))
-          throw py::value_error("shape: expected the (height, width) of the images");
-        const cv::Size image = shape ? cv::Size((*shape)[1], (*shape)[0]) : cv::Size();
-        TrackResult first;
-        first.box = region_of(box, image).equal_area_box();
-        results.insert(results.begin(), first);
+      [](const py::object& box, const py::object& given, const py::object& shape) {
+        cv::Size image;
+        if (!shape.is_none()) {
+          const auto sides = numbers(shape, "shape");
+          const auto is_side = [](double side) { return side >= 1 && side <= 1e9; };
+          if (sides.ndim() != 1 || sides.size() < 2 || !is_side(sides.at(0)) || !is_side(sides.at(1)))
+            throw py::value_error("shape: expected the (height, width) of the images");
+          image = {static_cast<int>(sides.at(1)), static_cast<int>(sides.at(0))};
+        }
+        std::vector<TrackResult> results(1);
+        results[0].box = region_of(box, image).equal_area_box();
+        const char* expected = "a list of TrackResults";
+        for (const py::handle result :
+             py::module_::import("asterism.inputs").attr("items")(given, "results", expected)) {
+          if (!py::isinstance<TrackResult>(result))
+            throw py::type_error("results: expected " + std::string(expected) + ", found " + shown(result));
+          results.push_back(result.cast<TrackResult>());
+        }
         results = smooth_track(results, image);
         results.erase(results.begin());
         return results;
@@ -520,7 +529,7 @@ void bind_trackers(py::module_& m) {
         "All options of a part model and their defaults, as a dict. ValueError for an unknown name.");
   m.def(
       "suggested_range",
-      [](const py::object& image) -> Range {
+      [](const py::object& image) -> std::optional<std::pair<double, double>> {
         py::array copy;
         const auto range = suggested_range(mat_of(image, copy));
         if (!range) return {};
@@ -542,7 +551,7 @@ void bind_trackers(py::module_& m) {
   def_copy(tracker);
   tracker
       .def(
-          py::init<const std::string&, const py::object&, const Range&>(), py::arg("name") = "dpt_plus",
+          py::init<const std::string&, const py::object&, const py::object&>(), py::arg("name") = "dpt_plus",
           py::arg("options") = py::none(), py::arg("pixel_range") = py::none(),
           "name: one of tracker_names() or `dpt+MODEL`. options: a dict of the options of its class, for "
           "`dpt+MODEL`\n"
@@ -596,7 +605,7 @@ void bind_trackers(py::module_& m) {
       "of single trackers, bit for bit. Images and boxes as for Tracker.");
   def_reduce(objects);
   objects
-      .def(py::init<int, const Range&>(), py::arg("threads").noconvert() = 1,
+      .def(py::init<int, const py::object&>(), py::arg("threads").noconvert() = 1,
            py::arg("pixel_range") = py::none(),
            "threads: 0 for as many as the machine runs at once. pixel_range: as for Tracker.")
       .def("remove", &Objects::remove, py::arg("id").noconvert(), "False if there is no object of that id.")

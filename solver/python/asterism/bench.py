@@ -116,8 +116,13 @@ def compare(
 
     The times of a solver in Python include Python's own; evaluations do not depend on it.
     """
-    if systems < 1:
-        raise ValueError(f"systems: expected at least 1, found {systems}")
+    systems, first_seed = inputs.count(systems, "systems"), inputs.count(first_seed, "first_seed", 0)
+    kinds, sizes, against = (inputs.items(values, of, f"a list of {of}") for values, of in ((kinds, "kinds"), (sizes, "sizes"), (against, "against")))
+    tolerance, gap, proof_seconds = (
+        inputs.number(value, of) for value, of in ((tolerance, "tolerance"), (gap, "gap"), (proof_seconds, "proof_seconds"))
+    )
+    if not isinstance(name, str):
+        raise TypeError(f"name: expected a string, found {inputs.shown(name)}")
     methods = {method: _asterism.Solver(method, tolerance=tolerance) for method in against}
     search = _asterism.Solver("branch-and-bound", max_seconds=proof_seconds, gap=gap)
     rows: list[Row] = []

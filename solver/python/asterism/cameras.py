@@ -33,6 +33,8 @@ class Camera:
         def keep(field: str, value: Any) -> None:
             object.__setattr__(self, field, value)
 
+        if not isinstance(self.name, str):
+            raise TypeError(f"camera: name: expected a string, found {inputs.shown(self.name)}")
         where = f"camera {self.name}".rstrip()
         for field, shapes in [("matrix", [(3, 3)]), ("rotation", [(3, 3), (3,)]), ("translation", [(3,)])]:
             value = np.array(inputs.numbers(getattr(self, field), f"{where}: {field}"))
@@ -59,13 +61,13 @@ class Camera:
 
     def project(self, points: npt.ArrayLike) -> _Floats:
         """The image points (..., 2) [px] of points (..., 3) of the world."""
-        seen = np.asarray(points, float) @ self.rotation.T + self.translation
+        seen = _points(points, "points", 3) @ self.rotation.T + self.translation
         image = self._distorted(seen[..., :2] / seen[..., 2:])
         return image @ self.matrix[:2, :2].T + self.matrix[:2, 2]
 
     def undistort(self, pixels: npt.ArrayLike) -> tuple[_Floats, _Floats]:
         """Normalised coordinates (..., 2) of pixels (..., 2), NaN where the distortion has no inverse, and the pixels for a unit of them."""
-        seen = np.ascontiguousarray(pixels, float)
+        seen = _points(pixels, "pixels", 2)
         sights = _asterism._pose_sights(seen[None], self.matrix[None], self.distortions[None])[0]
         return sights[..., :2], sights[..., 2:].reshape(*seen.shape, 2)
 
@@ -75,6 +77,13 @@ class Camera:
         r = x * x + y * y
         radial = 1 + r * (k1 + r * (k2 + r * k3))
         return np.stack([x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x), y * radial + p1 * (r + 2 * y * y) + 2 * p2 * x * y], -1)
+
+
+def _points(values: npt.ArrayLike, name: str, dim: int) -> _Floats:
+    found = inputs.numbers(values, name, missing=np.nan)
+    if found.shape[-1:] != (dim,):
+        raise ValueError(f"{name}: expected shape (..., {dim}), found {found.shape}")
+    return found
 
 
 def _rotation(vector: _Floats) -> _Floats:

@@ -203,7 +203,7 @@ def layout(
     if method is None:
         method = "lbfgs-jacobi" if partners is not None else "sgd" if n > _MANY else "multi-start"
     power = inputs.number(power, "power")
-    if method != "sgd":
+    if not isinstance(method, str) or method != "sgd":
         _check_options("layout()", layout, method, options)
     anchors, anchor_weights = inputs.by_node(anchors, "anchors", nodes), inputs.by_node(anchor_weights, "anchor_weights", nodes)
     if isinstance(start, Mapping) and not start and nodes:
@@ -231,10 +231,11 @@ def layout_stress(
 
     Takes memory of N and time of N^2, twice that if scaled.
     """
-    power = inputs.number(power, "power")
+    power, scaled = inputs.number(power, "power"), inputs.choice(scaled, "scaled", (True, False))
     nodes, edges, _, _ = _graph_of(graph, length)
-    dim = np.shape(x)[1] if np.ndim(x) == 2 and np.shape(x)[1] in (2, 3) else 2
-    points = inputs.array(x, "x", (len(nodes), dim))
+    points = np.array(inputs.numbers(x, "x"))
+    if points.shape not in ((len(nodes), 2), (len(nodes), 3)):
+        raise ValueError(f"x: expected shape {(len(nodes), 2)} or {(len(nodes), 3)}, found {points.shape}")
     if not np.isfinite(points).all():
         raise ValueError("x: expected finite numbers")
     if scaled and len(points):
@@ -259,7 +260,7 @@ def _path_weights(lengths: _Floats, power: float) -> _Floats:
 def _check_options(of: str, function: Callable[..., Any], method: str, options: dict[str, Any]) -> None:
     """TypeError for an option that neither the function nor the method has."""
     if not isinstance(method, str):
-        raise TypeError(f"method: expected a name, found {method!r}")
+        raise TypeError(f"method: expected a name, found {inputs.shown(method)}")
     own = [name for name, p in inspect.signature(function).parameters.items() if p.kind != p.VAR_KEYWORD]
     known = [*own, *(name for name in _asterism.Solver(method).options if name != "hold_floating"), "on_iteration"]
     for name in options:
@@ -411,12 +412,12 @@ def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[list[Any], npt.NDArr
     ends, lengths = [], []
     for k, edge in enumerate(graph):
         if isinstance(edge, str) or not hasattr(edge, "__len__") or len(edge) not in (2, 3):
-            raise TypeError(f"graph: edge {k} is {edge!r}; expected (a, b) or (a, b, length)")
+            raise TypeError(f"graph: edge {k} is {inputs.shown(edge)}; expected (a, b) or (a, b, length)")
         if len(edge) == 3 and isinstance(edge[2], Mapping):
-            raise TypeError(f"graph: edge {k} has the length {edge[2]!r}; expected a number")
+            raise TypeError(f"graph: edge {k} has the length {inputs.shown(edge[2])}; expected a number")
         for node in edge[:2]:
             if isinstance(node, (float, np.floating)) or getattr(node, "__hash__", None) is None:
-                raise TypeError(f"graph: edge {k} has node {node!r}; expected an integer or a name, which can be a key of a dict")
+                raise TypeError(f"graph: edge {k} has node {inputs.shown(node)}; expected an integer or a name, which can be a key of a dict")
         ends += edge[:2]
         lengths.append(edge[2] if len(edge) == 3 else 1.0)
     values = inputs.numbers(lengths, "graph: the edges' lengths", (len(lengths),))

@@ -14,6 +14,8 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Union
 
+from .names import shown
+
 __all__ = ["load"]  # evaluate is asterism.evaluate
 
 #: A row's cells by column, and where it is in its file ("FILE:LINE").
@@ -93,7 +95,7 @@ def _command(tracker: Callable[[], Any]) -> str:
             raise ValueError(f"evaluate: the class {tracker.__name__} has no function '{function}'")
     name, module = getattr(tracker, "__qualname__", ""), getattr(tracker, "__module__", "")
     if not name.isidentifier():
-        raise ValueError(f"evaluate: {tracker!r} has no name at the top level of a module, by which other processes find it")
+        raise ValueError(f"evaluate: {shown(tracker)} has no name at the top level of a module, by which other processes find it")
     if module == "__main__":
         main = sys.modules["__main__"]
         module = main.__spec__.name if main.__spec__ is not None else getattr(main, "__file__", "")

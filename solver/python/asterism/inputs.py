@@ -1,22 +1,25 @@
-"""Numbers, symmetric matrices and sparse ones, as every function of the package takes them, the default of threads, and the repr of results."""
+"""Numbers, names, symmetric matrices and sparse ones, as every function of the package takes them, the default of threads, and the repr of results."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import operator
 import os
-from collections.abc import Mapping
+import shutil
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ._asterism import _numbers as numbers
+from .names import shown
 
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 
-__all__ = ["array", "brief", "by_node", "count", "counted", "entries", "is_sparse", "items", "joint_pairs", "number", "numbers", "pairs_of", "processors", "square"]
+__all__ = ["array", "brief", "by_node", "choice", "count", "counted", "entries", "is_sparse", "items", "joint_pairs", "number", "numbers", "pairs_of", "positive", "processors", "shown", "square", "whole_file"]
 
 # numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
 # become `missing`; where there is none, and for anything else than an array of real numbers, TypeError. ValueError for another shape.
@@ -43,9 +46,20 @@ def count(value: Any, name: str, least: int = 1) -> int:
 def items(values: Any, name: str, expected: str) -> list[Any]:
     """The items of what can be iterated over."""
     try:
-        return list(values)
+        if not isinstance(values, (str, bytes)):
+            return list(values)
     except TypeError:
-        raise TypeError(f"{name}: expected {expected}, found {type(values).__name__}") from None
+        pass
+    raise TypeError(f"{name}: expected {expected}, found {type(values).__name__}")
+
+
+def choice(value: Any, name: str, among: tuple[Any, ...], note: str = "") -> Any:
+    """One of `among`: names, True, False or small integers; a NumPy scalar as Python's own. note: what else the error says."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    if not isinstance(plain, (bool, int, float, str)) or plain not in among:
+        *others, last = map(repr, among)
+        raise ValueError(f"{name}: expected {', '.join(others)} or {last}{note}, found {shown(value)}")
+    return among[among.index(plain)]
 
 
 def counted(number: int, what: str) -> str:
@@ -58,6 +72,14 @@ def number(value: Any, name: str) -> float:
     found = float(numbers(value, name, ()))
     if not np.isfinite(found):
         raise ValueError(f"{name}: expected a finite number, found {found}")
+    return found
+
+
+def positive(value: Any, name: str) -> float:
+    """A finite number > 0."""
+    found = number(value, name)
+    if not found > 0:
+        raise ValueError(f"{name}: expected a finite number > 0, found {found}")
     return found
 
 
@@ -82,6 +104,27 @@ def brief(result: Any) -> str:
 def processors() -> int:
     """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextlib.contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[str]:
+    """The name to write to, of a file that becomes `path` when all is written: where writing fails, the old one is still there, or none."""
+    target = os.path.realpath(path)
+    is_file = os.path.isfile(target) or not os.path.exists(target)  # no device, nor a folder, which nothing opens
+    name = f"{target}.{os.getpid()}.part" if is_file else target
+    try:
+        yield name
+        if is_file and os.path.exists(target):
+            shutil.copymode(target, name)
+        if is_file:
+            os.replace(name, target)
+    except BaseException as error:
+        if is_file:
+            with contextlib.suppress(OSError):
+                os.remove(name)
+        if isinstance(error, OSError):
+            error.filename = os.fspath(path)
+        raise
 
 
 def is_sparse(matrix: Any) -> bool:
@@ -123,7 +166,7 @@ def by_node(values: Any, name: str, nodes: list[Any]) -> Any:
     known = set(nodes)
     for node in values:
         if node not in known:
-            raise ValueError(f"{name}: {node!r} is not a node of the graph")
+            raise ValueError(f"{name}: {shown(node)} is not a node of the graph")
     if not values:
         return None
     missing = np.full(np.shape(next(iter(values.values()))), np.nan)

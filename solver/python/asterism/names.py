@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+import operator
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-__all__ = ["no_attribute", "no_option"]
+__all__ = ["no_attribute", "no_option", "shown", "wrong_arguments"]
 
 
 def _plain(name: str) -> str:
@@ -77,6 +80,15 @@ _OWNER = {"starts": "multi-start", "seed": "multi-start", "spread": "multi-start
 _OF_SOLVE = {"on_iteration": "give solve a function on_iteration", "start": "the start is x, the second argument of solve"}
 
 
+def shown(value: Any) -> str:
+    """A wrong value in a message of one line: its repr, if that is short and names no address, otherwise its type."""
+    try:
+        text = repr(value)
+    except Exception:  # of the value's own
+        text = ""
+    return text if 0 < len(text) <= 60 and text.isprintable() and " at 0x" not in text else type(value).__name__
+
+
 def no_option(of: str, name: str, known: Sequence[str]) -> str:
     """The message for an option `name` that `of`, such as "mds()", does not have, but those in `known`."""
     plain = _plain(name)
@@ -117,3 +129,102 @@ def no_attribute(name: str, known: Sequence[str]) -> str:
         return f"{start}: here it is '{ours}'"
     near = difflib.get_close_matches(name, known, 1)
     return start + (f", did you mean '{near[0]}'?" if near else "")
+
+
+# What pybind11 calls the types of parameters, in words.
+_KINDS = {"int": "an integer", "float": "a number", "bool": "True or False", "str": "a string"}
+
+
+def _parts(text: str) -> list[str]:
+    """What commas outside of brackets and quotes separate, up to a bracket that was not opened."""
+    parts, depth, quote = [""], 0, ""
+    for c in text:
+        quote = ("" if c == quote else quote) if quote else (c if c in "'\"" else "")
+        depth += 0 if quote else (c in "([{<") - (c in ")]}>")
+        if depth < 0:
+            break
+        if c == "," and not depth and not quote:
+            parts.append("")
+        else:
+            parts[-1] += c
+    return [part.strip() for part in parts if part.strip()]
+
+
+def _kinds_of_items(kind: str) -> list[str] | None:
+    """Those of Tuple[float, float] and List[float[2]], whose number is known."""
+    if kind.startswith("Tuple["):
+        return _parts(kind[6:])
+    of_length = re.fullmatch(r"List\[(\w+)\[(\d+)\]\]", kind)
+    return [of_length[1]] * int(of_length[2]) if of_length else None
+
+
+def _expected(kind: str) -> str:
+    if kind.startswith("Optional["):
+        return f"{_expected(kind[9:-1])} or None"
+    items = _kinds_of_items(kind)
+    if items is None and kind.startswith("List["):
+        return f"a list of {kind[5:-1]}"
+    return f"{len(items)} numbers" if items else _KINDS.get(kind, kind)
+
+
+def _fits(value: Any, kind: str) -> bool:
+    """Whether pybind11 takes the value; True also where that cannot be said."""
+    if kind.startswith("Optional["):
+        return value is None or _fits(value, kind[9:-1])
+    is_text = isinstance(value, (str, bytes))
+    try:
+        if kind == "int":
+            return operator.index(value) is not None
+        if kind == "float":
+            return not is_text and float(value) is not None
+        if kind.startswith(("List[", "Tuple[")):
+            items = list(value)
+            kinds = _kinds_of_items(kind) or [kind[5:-1]] * len(items)
+            return not is_text and len(items) == len(kinds) and all(map(_fits, items, kinds))
+    except Exception:  # whatever the value's own methods raise
+        return False
+    if kind == "bool":
+        return hasattr(value, "__bool__") and not hasattr(value, "__array__")
+    if kind == "str":
+        return is_text
+    return kind == "object" or kind.startswith("numpy.") or kind.rpartition(".")[2] in {base.__name__ for base in type(value).__mro__}
+
+
+def wrong_arguments(text: str, given: Sequence[Any], named: Mapping[str, Any]) -> Exception:
+    """The error for arguments that do not fit, on which pybind11 says `text`: one line, which names the wrong one.
+
+    ValueError for an integer that is out of range, otherwise TypeError.
+    """
+    function = text.partition("(")[0]
+    signature = re.search(r"^ +1\. ([\w.]*)\(", text, re.MULTILINE)
+    if signature is None:
+        return TypeError(text)
+    parts = _parts(text[signature.end() :])
+    if signature[1]:  # a constructor, which is shown without self
+        function, given = signature[1].rpartition(".")[2], given[1:]
+    elif parts and parts[0].startswith("self: ") and given:
+        function = f"{type(given[0]).__name__}.{function}"
+        if _fits(given[0], parts[0][6:]):
+            parts, given = parts[1:], given[1:]
+    by_position = next((k for k, part in enumerate(parts) if part.startswith("*")), len(parts))
+    known = [re.split(": | = ", part) for part in parts if not part.startswith("*")]
+    kinds = {name: kind for name, kind, *_ in known}
+    values = {**dict(zip(kinds, given)), **named}
+    missing = [repr(name) for name, _, *default in known if not default and name not in values]
+    it_has = f" (it has: {', '.join(kinds)})" if kinds else ""
+    if len(given) > by_position:
+        return TypeError(f"{function}() takes {by_position} argument{'s' * (by_position != 1)} without a name, found {len(given)}{it_has}")
+    for name in named:
+        if name not in kinds and not any(part.startswith("**") for part in parts):
+            return TypeError(no_option(f"{function}()", name, list(kinds)))
+        if name in list(kinds)[: len(given)]:
+            return TypeError(f"{function}() is given '{name}' twice")
+    if missing:
+        return TypeError(f"{function}() needs {' and '.join(missing)}{it_has}")
+    for name, kind in kinds.items():
+        if name in values and not _fits(values[name], kind):
+            return TypeError(f"{name}: expected {_expected(kind)}, found {shown(values[name])}")
+    for name, kind in kinds.items():
+        if kind == "int" and name in values and not 0 <= operator.index(values[name]) < 2**31:
+            return ValueError(f"{name}: {values[name]} is out of range")
+    return TypeError(f"{function}(): expected {', '.join(parts)}; found {', '.join(type(value).__name__ for value in values.values())}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from . import _asterism
+from . import _asterism, inputs
 
 __all__ = ["OpenCvTracker"]
 
@@ -43,7 +43,7 @@ class OpenCvTracker:
 
     def init(self, image: Any, boundingBox: Any) -> None:
         """Starts on the object in boundingBox, (x, y, width, height) [px]; may be called again at any time."""
-        x, y, width, height = (float(value) for value in boundingBox)
+        x, y, width, height = map(float, inputs.numbers(boundingBox, "boundingBox", (4,)))
         self._tracker.init(image, (x, y, width, height))
         self._box, self.result = _whole((x, y, width, height)), None
 

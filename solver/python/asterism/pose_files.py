@@ -217,9 +217,10 @@ def write_points(
     values = inputs.numbers(points, "points", missing=np.nan)
     if values.ndim != 3 or values.shape[2] not in (2, 3):
         raise ValueError(f"points: expected shape (frames, joints, 2 or 3), found {values.shape}")
-    if len(joints) != values.shape[1] or len(set(joints)) != len(joints):
+    joints = inputs.items(joints, "joints", "a list of names")
+    if not all(isinstance(joint, str) for joint in joints) or len(joints) != values.shape[1] or len(set(joints)) != len(joints):
         raise ValueError(f"joints: expected {values.shape[1]} different names")
-    titles = [str(t) for t in range(len(values))] if frames is None else list(frames)
+    titles = [str(t) for t in range(len(values))] if frames is None else inputs.items(frames, "frames", "a list of names")
     if len(titles) != len(values):
         raise ValueError(f"frames: expected {len(values)}, found {len(titles)}")
     belief = None if confidence is None else inputs.numbers(confidence, "confidence", values.shape[:2])
@@ -229,7 +230,7 @@ def write_points(
     axes = ["x", "y", "z"][: values.shape[2]]
     if belief is not None:
         values, axes = np.concatenate([values, belief[..., None]], -1), [*axes, "likelihood"]
-    with open(path, "w", newline="", encoding="utf-8") as file:
+    with inputs.whole_file(path) as name, open(name, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(["scorer", *("asterism" for _ in joints for _ in axes)])
         table.writerow(["bodyparts", *(joint for joint in joints for _ in axes)])
@@ -241,7 +242,8 @@ def write_points(
 def _write_sleap(path: str | os.PathLike[str], values: _Floats, joints: Sequence[str], belief: _Floats | None) -> None:
     if values.shape[2] != 2:
         raise ValueError(f"{os.fspath(path)}: SLEAP's form has points in the image only; a name that ends with .csv takes those in space")
-    with _h5py(path).File(path, "w") as file:
+    h5py = _h5py(path)
+    with inputs.whole_file(path) as name, h5py.File(name, "w") as file:
         file["tracks"] = values.transpose(2, 1, 0)[None]
         file["node_names"] = [joint.encode() for joint in joints]
         file["track_occupancy"] = np.isfinite(values).any((1, 2))[:, None].astype(np.uint8)

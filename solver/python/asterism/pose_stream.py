@@ -46,10 +46,11 @@ class Stream:
         """recorded: what fuse found with these cameras, which are None for points in the image. window: frames, 6 or more. ValueError if they do not
         belong together.
         """
-        cameras = None if cameras is None else list(cameras)
+        cameras = None if cameras is None else inputs.items(cameras, "cameras", "a list of Cameras")
+        if not isinstance(recorded, FusedPose):
+            raise TypeError(f"recorded: expected a FusedPose, found {inputs.shown(recorded)}")
         views, joints, _ = recorded.offsets.shape
-        if window <= _LOST:
-            raise ValueError(f"window: expected {_LOST + 1} frames or more, found {window}")
+        window = inputs.count(window, "window", _LOST + 1)
         if (3 if cameras else 2) != recorded.points.shape[2]:
             raise ValueError(f"cameras: the recording has points in {recorded.points.shape[2]} dimensions")
         seen = recorded.reprojections
@@ -71,7 +72,7 @@ class Stream:
         centre = np.median(recorded.points, (0, 1))
         self._origin = np.zeros(2) if cameras is None else centre  # of the window, as in fuse
         self._window = _asterism._PoseWindow(
-            int(window), scales, _moved(poses, self._origin), matrices, distortions, area, slope, centre - self._origin, _LOST
+            window, scales, _moved(poses, self._origin), matrices, distortions, area, slope, centre - self._origin, _LOST
         )
         self._frame, self._time = 0, -1.0
 
@@ -101,7 +102,7 @@ class Stream:
             if belief.shape != (views, joints) or not (np.isnan(pixels[..., 0]) | ((belief >= 0) & (belief <= 1))).all():
                 raise ValueError(f"confidence: expected {(views, joints)} numbers, 0 to 1, in frame {self._frame}")
             belief = np.where(np.isnan(pixels[..., 0]), 1, belief)
-        when = self._time + 1 if time is None else float(time)
+        when = self._time + 1 if time is None else inputs.number(time, "time")
         if not math.isfinite(when) or (self._frame > 0 and when <= self._time):
             raise ValueError(f"time: expected rising times, found {when} in frame {self._frame}")
         self._frame, self._time = self._frame + 1, when

@@ -42,6 +42,9 @@ class Exchanged:
 
 def left_right_pairs(names: Sequence[str]) -> list[tuple[int, int]]:
     """Pairs of joints whose names differ only in left and right: left_hip and right_hip, hipL and hipR, L1 and R1."""
+    names = inputs.items(names, "names", "a list of names")
+    if not all(isinstance(name, str) for name in names):
+        raise TypeError("names: expected a list of names")
     place = {name: k for k, name in enumerate(names)}
     pairs = []
     for k, name in enumerate(names):

@@ -7,7 +7,7 @@ import csv
 import os
 import pathlib
 import sys
-from typing import Sequence
+from typing import NoReturn, Sequence
 
 import numpy as np
 
@@ -22,8 +22,13 @@ One view, two networks:        asterism-pose first.h5 second.h5 --output points.
 The exit code is 0, or 1 with one line that says what is wrong."""
 
 
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see --help\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser("asterism-pose", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = _Parser("asterism-pose", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("views", nargs="+", metavar="FILE", help="detections, one file for each camera, or for each detector of one image")
     parser.add_argument("--output", "-o", required=True, metavar="FILE", help="points: .csv in DeepLabCut's form, .h5 in SLEAP's")
     parser.add_argument("--cameras", metavar="TOML", help="aniposelib's calibration: the files are in its order, or named as its cameras are")
@@ -39,10 +44,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the program with these arguments (those of the command line, if None), and returns its exit code."""
     options = _parser().parse_args(arguments)
     try:
-        print(_run(options))
+        print(_run(options), flush=True)
         return 0
+    except KeyboardInterrupt:
+        print("asterism-pose: interrupted", file=sys.stderr)
+        return 130
     except OSError as error:
-        message = f"{error.filename}: {error.strerror}" if error.filename else error.strerror or str(error)
+        message = f"{error.filename or 'standard output'}: {error.strerror or error}"
     except (ValueError, TypeError, ImportError) as error:
         message = str(error)
     print(f"asterism-pose: {message}".replace("\n", " "), file=sys.stderr)
@@ -83,6 +91,11 @@ def _check_outputs(options: argparse.Namespace) -> None:
     for option, path in (("--output", options.output), ("--details", options.details)):
         if path is not None and any(_are_same(path, other) for other in read):
             raise ValueError(f"{option} {path} would change the input")
+        folder = os.path.dirname(path or "") or "."
+        if path is not None and not os.path.isdir(folder):
+            raise ValueError(f"{option} {path}: no folder {folder}")
+        if path is not None and (os.path.isdir(path) or path == "-"):
+            raise ValueError(f"{option} {path}: expected the name of a file")
     if options.details is not None and _are_same(options.details, options.output):
         raise ValueError(f"--details {options.details} is the file of --output")
     if pathlib.Path(options.output).suffix.lower() not in ("", ".csv", ".h5", ".hdf5"):
@@ -163,7 +176,7 @@ def _write_details(path: str | os.PathLike[str], found: pose.FusedPose, view: po
     """One line for each frame and joint."""
     axes = "xyz"[: found.points.shape[2]]
     deviation = np.sqrt(np.diagonal(found.covariance, axis1=2, axis2=3))
-    with open(path, "w", newline="", encoding="utf-8") as file:
+    with inputs.whole_file(path) as name, open(name, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(["frame", "joint", *axes, *(f"deviation_{axis}" for axis in axes), "outliers"])
         for t, frame in enumerate(view.frames):

@@ -226,12 +226,10 @@ def locate_path(
     if start is not None and not np.all(np.isfinite(first_pose)):
         raise ValueError("start: expected finite numbers")
     spread = inputs.numbers([np.inf] * 2 if start_sigma is None else start_sigma, "start_sigma", (2,))
-    for name, value in (("turn_sigma", turn_sigma), ("shortest", shortest)):
-        if value is not None and not value > 0:
-            raise ValueError(f"{name} has to be a finite number > 0")
+    turn, least = (0.0 if value is None else inputs.positive(value, name) for name, value in (("turn_sigma", turn_sigma), ("shortest", shortest)))
     limit = np.inf if cutoff is None else cutoff
     found = _asterism._locate_path(
-        odometry, places, at, index, lengths, deviations, limit, turn_sigma or 0.0, step_sigma, shortest or 0.0, list(first_pose),
+        odometry, places, at, index, lengths, deviations, limit, turn, step_sigma, least, list(first_pose),
         list(spread), lower_bound, max_iterations,
     )
     with np.errstate(invalid="ignore"):

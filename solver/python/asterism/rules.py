@@ -32,6 +32,7 @@ def remove_overlaps(x: npt.ArrayLike, sizes: npt.ArrayLike, *, held: npt.ArrayLi
     n = len(points)
     stay = np.zeros(n, dtype=bool)
     if held is not None:
+        inputs.numbers(held, "held")
         stay = np.asarray(held)
         if stay.dtype != bool or stay.shape != (n,):
             raise ValueError(f"held: expected shape {(n,)} of bool, found {stay.shape} of {stay.dtype}")
@@ -56,9 +57,7 @@ def sizes_of(sizes: Any, n: int) -> _Floats:
 
 
 def _listed(values: Any, name: str, what: str) -> list[Any]:
-    if isinstance(values, str) or not (values is None or hasattr(values, "__iter__")):
-        raise TypeError(f"{name}: expected a list of {what}, found {values!r}")
-    return [] if values is None else list(values)
+    return [] if values is None else inputs.items(values, name, f"a list of {what}")
 
 
 class Rules:
@@ -93,8 +92,8 @@ class Rules:
         self.aligned = np.full((n, dim), -1, dtype=np.int64)
         self.is_aligned = np.zeros(dim, dtype=bool)
         for number, entry in enumerate(_listed(aligned, "aligned", "pairs of an axis and nodes")):
-            if isinstance(entry, str) or not hasattr(entry, "__len__") or len(entry) != 2 or entry[0] not in tuple(_AXES[:dim]):
-                raise ValueError(f"aligned: entry {number} is {entry!r}; expected an axis of {', '.join(map(repr, _AXES[:dim]))}, and nodes")
+            if isinstance(entry, str) or not hasattr(entry, "__len__") or len(entry) != 2 or not isinstance(entry[0], str) or entry[0] not in tuple(_AXES[:dim]):
+                raise ValueError(f"aligned: entry {number} is {inputs.shown(entry)}; expected an axis of {', '.join(map(repr, _AXES[:dim]))}, and nodes")
             self._align(_AXES.index(entry[0]), self._numbers(entry[1], f"aligned: entry {number}"))
         self.groups = np.empty(0, dtype=np.int64)
         if groups is not None:
@@ -111,12 +110,10 @@ class Rules:
                         raise ValueError(f"aligned: {nodes[line[0]]!r} and {nodes[other[0]]!r} are not in the same group")
 
     def _numbers(self, some: Any, name: str) -> _Indices:
-        if isinstance(some, str) or not hasattr(some, "__iter__"):
-            raise TypeError(f"{name}: expected a list of nodes, found {some!r}")
-        some = list(some)
+        some = inputs.items(some, name, "a list of nodes")
         for node in some:
             if getattr(node, "__hash__", None) is None or node not in self._index:
-                raise ValueError(f"{name}: {node!r} is not a node of the graph")
+                raise ValueError(f"{name}: {inputs.shown(node)} is not a node of the graph")
         return np.array([self._index[node] for node in some], dtype=np.intp)
 
     def _align(self, axis: int, members: _Indices) -> None:

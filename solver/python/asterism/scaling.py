@@ -234,7 +234,7 @@ class MDS:
 
     def _threads(self) -> int:
         jobs = 1 if self.n_jobs is None else self.n_jobs
-        return inputs.processors() if jobs == -1 else inputs.count(jobs, "n_jobs")
+        return inputs.processors() if isinstance(jobs, (int, np.integer)) and jobs == -1 else inputs.count(jobs, "n_jobs")
 
     def _check(self) -> None:
         inputs.count(self.n_components, "n_components")
@@ -242,20 +242,17 @@ class MDS:
             inputs.count(self.n_init, "n_init")
         inputs.count(self.max_iter, "max_iter")
         self._threads()
-        if self.metric not in (True, False):
-            raise ValueError(f"metric: expected True, or False for non-metric scaling, found {self.metric!r}")
-        if not inputs.number(self.eps, "eps") > 0:
-            raise ValueError(f"eps: expected a number > 0, found {self.eps!r}")
-        if self.dissimilarity not in ("euclidean", "precomputed"):
-            raise ValueError(f"dissimilarity: expected 'euclidean' or 'precomputed', found {self.dissimilarity!r}")
-        if self.certify not in (True, False):
-            raise ValueError(f"certify: expected True or False, found {self.certify!r}")
-        if self.normalized_stress not in (True, False, "auto"):
-            raise ValueError(f"normalized_stress: expected True, False or 'auto', found {self.normalized_stress!r}")
-        if self.loss not in _LOSSES:
-            raise ValueError(f"loss: expected one of {', '.join(map(repr, _LOSSES))}, found {self.loss!r}")
+        inputs.positive(self.eps, "eps")
+        for name, among in {
+            "metric": (True, False),
+            "dissimilarity": ("euclidean", "precomputed"),
+            "certify": (True, False),
+            "normalized_stress": (True, False, "auto"),
+            "loss": tuple(_LOSSES),
+        }.items():
+            inputs.choice(getattr(self, name), name, among, " for non-metric scaling" if name == "metric" else "")
         if (self.loss == "quadratic") != (self.scale is None):
-            raise ValueError(f"scale: expected {'None' if self.loss == 'quadratic' else 'a number'} for loss={self.loss!r}, found {self.scale!r}")
+            raise ValueError(f"scale: expected {'None' if self.loss == 'quadratic' else 'a number'} for loss={self.loss!r}, found {inputs.shown(self.scale)}")
         if not self.metric and (self.loss != "quadratic" or self.certify):
             raise ValueError("metric: non-metric scaling has neither a loss nor a certificate; use metric=True")
 

@@ -32,6 +32,8 @@ def parse_systems(text: str, source: str = "text") -> list[StoredSystem]:
     """The systems in a text: a JSON object, an array of them, or one per line. ValueError "SOURCE:LINE: ..." for any other."""
     if not isinstance(text, str):
         raise TypeError(f"text: expected str, found {type(text).__name__}")
+    if not isinstance(source, str):
+        raise TypeError(f"source: expected str, found {type(source).__name__}")
     return _parsed(text, source)
 
 
@@ -54,6 +56,8 @@ def _parsed(text: str | bytes, source: str) -> list[StoredSystem]:
 def _to_json(stored: StoredSystem) -> str:
     if not isinstance(stored, StoredSystem):
         raise TypeError(f"systems: expected StoredSystems, found {type(stored).__name__}")
+    if not isinstance(stored.name, str):
+        raise TypeError(f"the system cannot be written: its name: expected a string, found {inputs.shown(stored.name)}")
     try:
         name, origin = str.encode(stored.name), json.dumps(stored.origin, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -69,4 +73,5 @@ def write_systems(path: str | os.PathLike[str], systems: Iterable[StoredSystem])
     TypeError for an origin that JSON cannot hold. Then nothing is written.
     """
     lines = [_to_json(stored) for stored in inputs.items(systems, "systems", "a list of StoredSystems")]
-    pathlib.Path(path).write_text("".join(lines), encoding="utf-8")
+    with inputs.whole_file(path) as name:
+        pathlib.Path(name).write_text("".join(lines), encoding="utf-8")

@@ -115,7 +115,7 @@ def scaled_structure(
         raise ValueError(f"scales: expected shape (layers,), found {scales.shape}")
     layers = len(scales)
     stacks = []
-    for number, stack in enumerate(maps):
+    for number, stack in enumerate(inputs.items(maps, "maps", "a list of arrays")):
         stack = np.ma.asanyarray(stack)  # keeps a mask
         if stack.ndim != 3 or len(stack) != layers:
             raise ValueError(f"maps of part {number}: expected the shape ({layers}, height, width), found {stack.shape}")
@@ -173,9 +173,8 @@ def _problem(maps: Iterable[npt.ArrayLike], joints: Iterable[Joint]) -> tuple[li
     costs: list[Any] = []
     for number, joint in enumerate(inputs.items(joints, "joints", "a list of Joints")):
         if not isinstance(joint, Joint):
-            raise TypeError(f"joint {number}: expected a Joint, found {joint!r}")
-        if joint.shape not in _SHAPES:
-            raise ValueError(f"joint {number}: expected the shape 'quadratic' or 'absolute', found {joint.shape!r}")
+            raise TypeError(f"joint {number}: expected a Joint, found {inputs.shown(joint)}")
+        inputs.choice(joint.shape, f"joint {number}: shape", tuple(_SHAPES))
         ends.append((inputs.count(joint.parent, f"joint {number}: parent", 0), inputs.count(joint.child, f"joint {number}: child", 0)))
         values = joint.weight, joint.offset, _SHAPES[joint.shape], joint.truncation
         of_length = [0.0, 0.0, -1.0, 0.0]  # no window

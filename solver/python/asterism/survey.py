@@ -55,9 +55,8 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     count = len(given) if given.ndim == 2 else 0
     if given.shape != (count, count):
         raise ValueError(f"ranges: expected shape (N, N), found {given.shape}")
-    if dim not in (2, 3):
-        raise ValueError(f"dim: expected 2 or 3, found {dim}")
-    if not (bias >= 0 and np.isfinite(bias)):
+    dim, bias = inputs.choice(dim, "dim", (2, 3)), inputs.number(bias, "bias")
+    if bias < 0:
         raise ValueError(f"bias: expected a finite number >= 0, found {bias}")
     if count <= dim:
         raise ValueError(f"ranges: expected those of {dim + 1} devices or more in {dim} dimensions, found {count}")
@@ -71,7 +70,7 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     if not ((spread > 0) & np.isfinite(spread)).all():
         raise ValueError("sigma: expected finite numbers > 0")
     measured = np.zeros_like(given)
-    measured[is_measured] = spread**-2.0
+    measured[is_measured] = _weights(spread, "sigma")
     weight = measured + measured.T
     is_pair = weight > 0
     weighted = measured * np.where(is_measured, given, 0)
@@ -93,20 +92,32 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     return Survey(x, covariance, added, bias_sigma, energy, lower_bound, bias == 0 and placed.certified, residuals, message)
 
 
+def _weights(deviations: _Floats, name: str) -> _Floats:
+    with np.errstate(over="ignore", under="ignore"):
+        weights = deviations**-2.0
+    if not ((weights > 0) & np.isfinite(weights)).all():
+        raise ValueError(f"{name}: its square is out of range: another unit is needed")
+    return weights
+
+
 class _Network:
     """The energy of places x (N, dim) and biases c (N,), and its minimum."""
 
     def __init__(self, range_of: _Floats, weight: _Floats, bias: float):
         self._range, self._weight = range_of, weight
         self._has_bias = bias > 0
-        self._prior = bias**-2.0 if bias > 0 else 0.0
+        self._prior = float(_weights(np.array(bias), "bias")) if bias > 0 else 0.0
+        # The unit of the biases in steps and derivatives [m]: a narrow prior alone is no ill condition.
+        self._unit = float(np.sqrt(1 / (1 + self._prior * len(weight) / weight.sum()))) if bias > 0 else 1.0
 
     def energy(self, x: _Floats, c: _Floats) -> float:
         stretch = np.linalg.norm(x[:, None] - x[None], axis=-1) + c[:, None] + c[None] - self._range
         return float((self._weight * stretch**2).sum() / 4 + self._prior * (c**2).sum() / 2)
 
     def derivatives(self, x: _Floats, c: _Floats, clamp: bool) -> tuple[_Floats, _Floats]:
-        """Gradient and Hessian, by the coordinates of all places and then, if there are any, the biases; clamp: without negative curvature."""
+        """Gradient and Hessian, by the coordinates of all places and then, if there are any, the biases in their unit; clamp: without negative
+        curvature.
+        """
         count, dim = x.shape
         offset = x.T[:, :, None] - x.T[:, None]
         apart = np.sqrt((offset**2).sum(0))
@@ -129,8 +140,10 @@ class _Network:
                 mixed[diagonal, diagonal] = mixed.sum(1)
                 hessian[of_a, places:], hessian[places:, of_a] = mixed, mixed.T
         if self._has_bias:
-            gradient[places:] = tension.sum(1) + self._prior * c
-            hessian[places:, places:] = self._weight + np.diag(self._weight.sum(1) + self._prior)
+            gradient[places:] = (tension.sum(1) + self._prior * c) * self._unit
+            hessian[places:, places:] = (self._weight + np.diag(self._weight.sum(1) + self._prior)) * self._unit
+            hessian[places:] *= self._unit
+            hessian[:places, places:] *= self._unit
         return gradient, hessian
 
     def solve(self, x: _Floats) -> tuple[_Floats, _Floats, _Floats]:
@@ -150,7 +163,7 @@ class _Network:
             reach = np.abs(x - x.mean(0)).max()
             for share in 0.5 ** np.arange(2, 20):
                 step = share * reach * axes[:, 0]
-                there, biases = x + step[: x.size].reshape(x.shape), c + step[x.size :]
+                there, biases = x + step[: x.size].reshape(x.shape), c + self._unit * step[x.size :]
                 if self.energy(there, biases) < energy:
                     x, c = there, biases
                     break
@@ -177,7 +190,7 @@ class _Network:
                 break
             is_last = not clamp and 0 <= decrease <= 1e-10 * (1 + energy)  # the next one is its square
             for share in (1.0,) if clamp or is_last else (1.0, 0.5, 0.25, 0.125):
-                there, biases = x + share * step[: count * dim].reshape(x.shape), c + share * step[count * dim :]
+                there, biases = x + share * step[: count * dim].reshape(x.shape), c + share * self._unit * step[count * dim :]
                 next_energy = self.energy(there, biases)
                 if next_energy <= energy:
                     break
@@ -199,7 +212,7 @@ class _Network:
         count, dim = x.shape
         blocks = inverse[: count * dim, : count * dim].reshape(count, dim, count, dim)
         diagonal = np.arange(count)
-        spread = np.sqrt(np.diag(inverse)[count * dim :]) if self._has_bias else np.zeros(count)
+        spread = self._unit * np.sqrt(np.diag(inverse)[count * dim :]) if self._has_bias else np.zeros(count)
         partners = (self._weight > 0).sum(1)
         few = [str(i) for i in np.flatnonzero(partners == dim)]
         message = ""
@@ -215,7 +228,9 @@ def _inverse(hessian: _Floats, x: _Floats) -> _Floats | None:
     rigid = _rigid_motions(x)
     motions[: x.size, : rigid.shape[1]] = rigid
     scale = np.trace(hessian) / len(hessian)
-    held = hessian + scale * motions @ motions.T
+    if not scale > 0:
+        return None
+    held = hessian / scale + motions @ motions.T
     try:
         np.linalg.cholesky(held)
     except np.linalg.LinAlgError:
@@ -223,7 +238,7 @@ def _inverse(hessian: _Floats, x: _Floats) -> _Floats | None:
     inverse = np.linalg.inv(held)
     if not np.linalg.norm(held) * np.linalg.norm(inverse) < 1e8:
         return None
-    return inverse - motions @ motions.T / scale
+    return (inverse - motions @ motions.T) / scale
 
 
 def _rigid_motions(x: _Floats) -> _Floats:

@@ -12,9 +12,9 @@ import warnings
 import numpy as np
 import torch
 
-from . import Solver, SpringBatch, SpringSystem, Status
+from . import Solver, SpringBatch, SpringSystem, Status, Topology
 from .gradients import SensitivityStatus, sensitivity
-from .inputs import numbers
+from .inputs import numbers, shown
 
 __all__ = ["solve"]
 
@@ -128,6 +128,10 @@ def _tensor(values, name):
         return torch.from_numpy(numbers(values, name))
     if values.is_complex():
         raise TypeError(f"{name}: expected real numbers, found {values.dtype}")
+    if values.layout != torch.strided:
+        raise TypeError(f"{name}: expected a dense tensor, found {values.layout}")
+    if values.device.type == "meta":
+        raise TypeError(f"{name}: a tensor of the device 'meta' has no numbers")
     return values
 
 
@@ -158,6 +162,10 @@ def solve(topology, anchors, anchor_stiffness, rest_length, link_stiffness, *, s
     exception). If no system of those that the loss depends on has one, it is a RuntimeError. A system that the loss does not depend on
     has the gradient 0 without a warning.
     """
+    if not isinstance(topology, Topology):
+        raise TypeError(f"topology: expected asterism.Topology, found {shown(topology)}")
+    if not (solver is None or isinstance(solver, Solver)):
+        raise TypeError(f"solver: expected asterism.Solver or None, found {shown(solver)}")
     anchors = _tensor(anchors, "anchors")
     is_single = anchors.dim() == 2
     if anchors.dim() not in (2, 3):

@@ -33,6 +33,8 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from .names import shown
+
 __all__ = ["main", "serve"]
 
 _TOKEN = re.compile(r' +"([^"\\]*(?:\\.[^"\\]*)*)"')  # runs, not single letters: an image has a million
@@ -68,7 +70,7 @@ def _image(text: str) -> npt.NDArray[Any]:
 def _box(values: Any) -> str:
     box = np.asarray(values, dtype=float)
     if box.shape != (4,):
-        raise ValueError(f"update: expected a box (x, y, width, height), found {values!r}")
+        raise ValueError(f"update: expected a box (x, y, width, height), found {shown(values)}")
     return ",".join(repr(float(each)) for each in box)
 
 

@@ -27,7 +27,8 @@ class RuledPoints {
   void snap(std::vector<double>& x);
   /// One pass, which moves apart what is too near. Whether something was.
   bool push(std::vector<double>& x);
-  /// Passes until all rules hold, `most` at most; then the sweeps, if they do not. False if there is no room.
+  /// Passes until all rules hold, `most` at most; then the sweeps, if they do not and `stop` is not set.
+  /// False if there is no room.
   bool finish(std::vector<double>& x, int most, const std::atomic<bool>* stop, int& passes);
   /// Whether all rules hold.
   bool keeps(const std::vector<double>& x);

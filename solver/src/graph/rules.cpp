@@ -342,7 +342,7 @@ bool RuledPoints::finish(std::vector<double>& x, int most, const std::atomic<boo
     load(x);
     if (holds(x)) return true;
   }
-  return enforce(x);
+  return (stop != nullptr && *stop) || enforce(x);
 }
 
 bool RuledPoints::enforce(std::vector<double>& x) {
@@ -499,10 +499,13 @@ bool RuledPoints::add_neighbours(std::vector<Constraint>& to, const Axes& axes, 
     return axes[axis].value[at(axes[axis].of_box[at(box)])];
   };
   std::vector<Event> events;
+  // What are_apart, which asks for half of the pad, may call an overlap is one here, and what settle has
+  // moved apart by the pad is none.
+  const double margin = 0.375 * pad_;
   for (std::size_t b = 0; b < boxes.size(); ++b) {
     const int box = static_cast<int>(b);
-    events.push_back({centre(o, box) - boxes[b].half[o] - pad_ / 8, box, false});
-    events.push_back({centre(o, box) + boxes[b].half[o] + pad_ / 8, box, true});
+    events.push_back({centre(o, box) - boxes[b].half[o] - margin, box, false});
+    events.push_back({centre(o, box) + boxes[b].half[o] + margin, box, true});
   }
   std::sort(events.begin(), events.end(), [](const Event& a, const Event& b) {
     return a.place < b.place || (a.place == b.place && a.is_end && !b.is_end);
@@ -639,8 +642,8 @@ Summary apply_rules(int dim, std::span<double> x, const DrawingRules& rules, con
       summary = detail::refused("rules", std::string_view(error));
       return;
     }
-    std::copy(moved.begin(), moved.end(), x.begin());
     const bool is_interrupted = options.stop != nullptr && *options.stop;
+    if (!is_interrupted) std::copy(moved.begin(), moved.end(), x.begin());
     summary.status = is_interrupted ? Status::Interrupted : Status::Converged;
     summary.message = "";
   };

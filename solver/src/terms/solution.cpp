@@ -300,6 +300,11 @@ Certificate SystemProver::certify(const Eigen::MatrixXd& x, double gap) {
 
 Certificate certify(const System& system, const Eigen::MatrixXd& x, const CertifyOptions& options) {
   Certificate result;
+  for (int t = 0; t < system.term_count(); ++t) {
+    const Term& term = system.term(t);  // the least energy of all others is 0
+    if (term.size() > 0 && (term.role(0) == Term::Role::Pulls || dynamic_cast<const Elements*>(&term)))
+      result.lower_bound = -std::numeric_limits<double>::infinity();
+  }
   const auto refuse = [&result](std::string_view why) {
     result.proof = Proof::NotApplicable;
     result.reason = why;
