@@ -100,18 +100,26 @@ bool is_valid(const OtbBox& box, bool from_one) {
 }
 
 OnePassRun compare(std::span<const OtbBox> result, std::span<const OtbBox> truth, bool from_one) {
-  if (result.empty() || result.size() != truth.size())
-    throw std::invalid_argument("no boxes, or not as many as of the ground truth");
+  if (truth.empty() || result.size() > truth.size())
+    throw std::invalid_argument("no ground truth, or more boxes than it has");
   OnePassRun run;
-  OtbBox box = result[0];
+  OtbBox box;
   for (std::size_t t = 0; t < truth.size(); ++t) {
-    const bool no_box = has_nan(result[t]) || result[t].width <= 0 || result[t].height <= 0;
-    if (t > 0 && !no_box) box = result[t];
+    const auto add_without_box = [&](double value, double error) {
+      run.overlaps.push_back(value);
+      run.centre_errors.push_back(error);
+      run.normalised_errors.push_back(error);
+    };
+    const bool ended = t >= result.size();
+    if (!ended && (t == 0 || (!has_nan(result[t]) && result[t].width > 0 && result[t].height > 0)))
+      box = result[t];
     const OtbBox& compared = t == 0 ? truth[0] : box;
     if (!is_valid(truth[t], from_one)) {
-      run.overlaps.push_back(kMissing);
-      run.centre_errors.push_back(kMissing);
-      run.normalised_errors.push_back(kMissing);
+      add_without_box(kMissing, kMissing);
+      continue;
+    }
+    if (ended) {
+      add_without_box(0, std::numeric_limits<double>::infinity());
       continue;
     }
     const double x = compared.left + (compared.width - 1) / 2 - truth[t].left - (truth[t].width - 1) / 2;

@@ -25,12 +25,13 @@ bool is_valid(const OtbBox& box, bool from_one);
 /// Frames of a run against the ground truth, -1 in frames without a valid one.
 struct OnePassRun {
   std::vector<double> overlaps;           ///< intersection over union
-  std::vector<double> centre_errors;      ///< distance of the centres [px]
+  std::vector<double> centre_errors;      ///< distance of the centres [px]; infinite without a box
   std::vector<double> normalised_errors;  ///< of x in widths and of y in heights of the ground truth
 };
 /// Frame 1 counts as the ground truth; a result that is not a box repeats the one before
-/// (calcSeqErrRobust.m). from_one: whether the boxes count pixels from 1, as OTB's do. Throws
-/// std::invalid_argument for no frames or other numbers of boxes.
+/// (calcSeqErrRobust.m). A result with fewer boxes than the ground truth ends with an error of the tracker:
+/// all later frames are misses. from_one: whether the boxes count pixels from 1, as OTB's do. Throws
+/// std::invalid_argument for no ground truth and for more boxes than it has.
 OnePassRun compare(std::span<const OtbBox> result, std::span<const OtbBox> truth, bool from_one = true);
 
 /// The runs on one sequence: one, or those of the starts of TRE, SRE or another set of starts.

@@ -75,10 +75,13 @@ class Execution {
     return started;
   }
 
-  /// Tracks in frame t; the result goes to `slot`. False if the tracker throws.
+  /// Tracks in frame t; the result goes to `slot`. False if the tracker throws: it has failed there.
   bool step(std::size_t t, std::size_t slot) {
     Report report;
-    if (!attempt(t, slot, [&](const Image& image) { report = step_(image); })) return false;
+    if (!attempt(t, slot, [&](const Image& image) { report = step_(image); })) {
+      frame(slot) = {{}, TrajectoryFrame::kFailed};
+      return false;
+    }
     frame(slot).region = std::move(report.region);
     if (!std::isnan(report.confidence)) {
       auto& confidence = result.trajectory.values["confidence"];
@@ -99,13 +102,13 @@ class Execution {
     try {
       call(image);
       done = true;
+      result.trajectory.values["time"][slot] =
+          std::chrono::duration<double>(std::chrono::steady_clock::now() - before).count();
     } catch (const UnusableTracker&) {
       throw;
     } catch (const std::exception& error) {
       result.errors.push_back("frame " + std::to_string(t + 1) + ": " + error.what());
     }
-    result.trajectory.values["time"][slot] =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - before).count();
     stopped = !each_frame_();
     return done;
   }

@@ -62,8 +62,11 @@ OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence,
                                             }) -
                                trajectory.frames.begin());
   std::vector<OtbBox> result, truth;
+  bool failed = false;
   for (std::size_t t = first; t < trajectory.frames.size(); ++t) {
-    result.push_back(otb_box(trajectory.frames[t].region));
+    const TrajectoryFrame& frame = trajectory.frames[t];
+    failed = failed || (frame.code == TrajectoryFrame::kFailed && !frame.region);
+    if (!failed) result.push_back(otb_box(frame.region));
     truth.push_back(otb_box(truth_of(sequence, t, options)));
   }
   // The start frame has no region, but `compare` repeats it if the next one's is missing.

@@ -62,6 +62,16 @@ TEST(Compare, FramesWithoutGroundTruthAreMarked) {
   EXPECT_THROW(compare(Boxes(), Boxes()), std::invalid_argument);
 }
 
+TEST(Compare, FramesAfterTheLastResultAreMisses) {
+  const OtbBox box = {1, 1, 10, 10}, none = {kNaN, kNaN, kNaN, kNaN};
+  const Boxes truth = {box, box, box, none};
+  const OnePassRun run = compare(Boxes(2, box), truth);
+  EXPECT_EQ(run.overlaps, (std::vector<double>{1, 1, 0, -1}));
+  EXPECT_EQ(run.centre_errors[2], std::numeric_limits<double>::infinity());
+  EXPECT_EQ(run.normalised_errors[2], std::numeric_limits<double>::infinity());
+  EXPECT_EQ(compare({}, truth).overlaps, (std::vector<double>{0, 0, 0, -1}));
+}
+
 TEST(OnePassScore, APerfectTrackerMissesTheLastThreshold) {
   const OnePassScore perfect = score(overlapping(std::vector<double>(10, 1)));
   EXPECT_NEAR(perfect.auc(), 20.0 / 21, 1e-15);

@@ -131,13 +131,36 @@ TEST_F(ProtocolsTest, WhatIsNotFoundOrThrownIsAFailure) {
   EXPECT_EQ(failed, (std::vector<int>{3, 12}));
   EXPECT_EQ(result->errors, std::vector<std::string>{"frame 13: no idea"});
 
-  // Uncorrected: a missing object is a frame without region, and so are all frames after an error.
+  // Uncorrected: a missing object is a frame without region, and so are all frames from an error on.
   const auto once = run(scripted(answer), moving, runs_of(moving, Protocol::Otb, {}).front());
   std::vector<int> expected(20, -1);
   expected[0] = TrajectoryFrame::kStarted;
   expected[3] = TrajectoryFrame::kUnknown;
   for (std::size_t t = 12; t < 20; ++t) expected[t] = TrajectoryFrame::kUnknown;
+  expected[12] = TrajectoryFrame::kFailed;
   EXPECT_EQ(codes(once->trajectory), expected);
+  EXPECT_TRUE(std::isnan(once->trajectory.values.at("time")[12]));
+}
+
+TEST_F(ProtocolsTest, ATrackerThatThrowsMissesTheRestAlsoIfTheObjectIsStill) {
+  Sequence still = sequence(20);
+  still.truth.assign(20, ProtocolsTest::truth(0));
+  const auto overlaps = [&](const Start& start) {
+    const auto result = run(start, still, runs_of(still, Protocol::Otb, {}).front());
+    return one_pass_run(result->trajectory, still, {}).overlaps;
+  };
+  const auto until = [](int last, bool throws) {
+    return scripted([=](int t) {
+      if (t > last && throws) throw std::runtime_error("no idea");
+      return t > last ? Report{} : Report{ProtocolsTest::truth(0)};
+    });
+  };
+  std::vector<double> expected(20, 1);
+  EXPECT_EQ(overlaps(until(11, false)), expected) << "a missing object repeats the box before";
+  std::fill(expected.begin() + 12, expected.end(), 0);
+  EXPECT_EQ(overlaps(until(11, true)), expected);
+  EXPECT_EQ(overlaps([](const Image&, const Region&) -> Step { throw std::runtime_error("no"); }),
+            std::vector<double>(20, 0));
 }
 
 TEST_F(ProtocolsTest, TrackersThatCannotStartFailEverySixthFrame) {

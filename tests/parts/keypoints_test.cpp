@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <asterism/parts/models/keypoints.hpp>
+#include <asterism/solver/base/split_mix.hpp>
 #include <asterism/testing/part_axioms.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
@@ -80,6 +81,29 @@ TEST(Keypoints, AdaptFollowsTheAppearanceAndDoesNotDrift) {
   // Although adapted repeatedly beside the target, it still finds the target.
   for (int i = 0; i < 10; ++i) fixed.adapt(Frame(image), {163, 118});
   EXPECT_LT((fixed.localize(Frame(image), {160, 120}).position - Point2(160, 120)).norm(), 0.05);
+}
+
+// A small target on a blurred texture has few key-points, and which of them are found depends on the fraction
+// of a pixel at which the window is sampled. One that is not found must not be taken for another one.
+TEST(Keypoints, DoNotJumpOnABlurredStillImage) {
+  for (const std::uint32_t seed : {1U, 2U, 3U, 4U}) {
+    const Frame frame(texture(240, 320, seed));
+    for (const Point2& at : {Point2(145, 102), Point2(175, 102), Point2(145, 127), Point2(175, 127)}) {
+      detail::SplitMix64 random(seed);
+      const auto near = [&] {
+        const double x = at.x() + 0.5 * random.symmetric(), y = at.y() + 0.5 * random.symmetric();
+        return Point2(x, y);
+      };
+      for (const Size2& size : {Size2(40, 33), Size2(46, 38)}) {
+        Keypoints part;
+        part.init(frame, at, size);
+        for (int i = 0; i < 20; ++i) {
+          EXPECT_LT((part.localize(frame, near()).position - at).norm(), 4) << seed << ": " << at.transpose();
+          part.adapt(frame, near());
+        }
+      }
+    }
+  }
 }
 
 TEST(Keypoints, SaysNothingWithoutTexture) {

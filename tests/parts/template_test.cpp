@@ -54,7 +54,8 @@ TEST_P(Templates, EqualMatchTemplateAndTheDefinition) {
               : cv::norm(y, z, cv::NORM_L2SQR) / contrast;
       const double score = peer.at<float>(r, c);
       EXPECT_NEAR(ncc ? 2 - 2 * score : score / contrast, distance, 1e-4);
-      EXPECT_NEAR(values(r, c), 1 - distance / 2, 1e-4);
+      // Ties are settled by up to 1e-4 of the value along each axis.
+      EXPECT_NEAR(values(r, c), 1 - distance / 2, 1e-4 + 2e-4 * std::abs(1 - distance / 2));
     }
 }
 
@@ -84,6 +85,19 @@ TEST_P(Templates, KnowTheDirectionTheyCannotSee) {
   const Point2 along = Point2(120, 160).normalized(), across(-along.y(), along.x());
   EXPECT_LT(std::abs((evidence.position - Point2(100, 100)).dot(across)), 0.3);
   EXPECT_GT(along.dot(evidence.covariance * along), 10 * across.dot(evidence.covariance * across));
+}
+
+// Along an edge or a stripe, all matches are equal: a still one must not move.
+TEST_P(Templates, StayAtTheMiddleOfEqualMatches) {
+  cv::Mat image(120, 160, CV_8UC3, cv::Scalar::all(20));
+  image.colRange(80, 160).setTo(cv::Scalar(220, 200, 180));
+  for (const cv::Mat& edge : {image, cv::Mat(image.t())}) {
+    const Frame frame(edge);
+    const Point2 centre(0.5 * (edge.cols - 1), 0.5 * (edge.rows - 1));
+    Template part(options());
+    part.init(frame, centre, {30, 25});
+    EXPECT_LT((part.localize(frame, centre).position - centre).norm(), 0.05);
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(All, Templates,

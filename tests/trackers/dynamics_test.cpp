@@ -306,6 +306,19 @@ TEST(KalmanTracker, FollowsConstantVelocityExactlyAndBelievesInItWhileLost) {
   EXPECT_GT((*results[34].covariance)(0, 0), 4 * (*results[29].covariance)(0, 0));
 }
 
+TEST(KalmanTracker, HasNoCovarianceInFramesThatShowNothing) {
+  std::vector<TrackResult> script(3, answer(steady(0)));
+  script[0].interrupted = script[1].interrupted = true;
+  script[1].covariance = Eigen::Matrix3d::Identity();
+  const std::vector<TrackResult> results = filtered(steady(0), script);
+  for (std::size_t t = 0; t < 2; ++t) {
+    EXPECT_LT(distance(results[t].box, steady(0)), 1e-9);
+    EXPECT_FALSE(results[t].covariance) << "the start box is exact, that of this frame is not";
+  }
+  ASSERT_TRUE(results[2].covariance);
+  EXPECT_GT((*results[2].covariance)(0, 0), 0);
+}
+
 TEST(KalmanTracker, IsNearerToTheObjectThanItsNoisyTracker) {
   std::mt19937 random(6);
   std::vector<TrackResult> script;

@@ -49,7 +49,8 @@ void ColorHistogram::visit_state(StateArchive& archive) {
 
 Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
   auto& values = response_.values;
-  match(frame, around, reach_, values);
+  sample(frame, around, reach_);
+  match(reach_, values);
   response_.origin = likelihood_.origin = around - spacing_ * Point2::Constant(reach_);
   // Relative to the best match, so that no likelihood underflows.
   likelihood_.values = (static_cast<float>(options_.sharpness) * (values - values.maxCoeff())).exp();
@@ -58,9 +59,8 @@ Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
   return evidence;
 }
 
-void ColorHistogram::match(const Frame& frame, const Point2& around, int reach, Map& values) {
+void ColorHistogram::match(int reach, Map& values) {
   const int width = cols_ + 2 * reach, displacements = 2 * reach + 1;
-  sample(frame, around, {width, rows_ + 2 * reach});
   // rho of a box that slides along a row; its histogram and the sum over the bins are updated at each step.
   const float norm = 1 / roots_(roots_.size() - 1);
   for (int r = 0; r < displacements; ++r) {
@@ -92,18 +92,23 @@ void ColorHistogram::match(const Frame& frame, const Point2& around, int reach, 
 void ColorHistogram::adapt(const Frame& frame, const Point2& at) { learn(frame, at, options_.learning_rate); }
 
 void ColorHistogram::learn(const Frame& frame, const Point2& at, double rate) {
-  sample(frame, at, {cols_, rows_});
+  constexpr int kReach = 1;
+  sample(frame, at, kReach);
   counts_.setZero();
-  for (const int bin : bins_) ++counts_(bin);
-  const auto seen = counts_.cast<float>() / static_cast<float>(bins_.size());
+  for (int r = kReach; r < rows_ + kReach; ++r) {
+    const int* const row = bins_.data() + std::ptrdiff_t{r} * (cols_ + 2 * kReach) + kReach;
+    for (int c = 0; c < cols_; ++c) ++counts_(row[c]);
+  }
+  const auto seen = counts_.cast<float>() / static_cast<float>(rows_ * cols_);
   histogram_ += static_cast<float>(rate) * (seen - histogram_);
   histogram_roots_ = histogram_.sqrt();
   // rho falls faster where other colors begin, so the vertex of the parabola is beside the target.
-  match(frame, at, 1, near_.values);
+  match(kReach, near_.values);
   bias_ = evidence_of(near_, near_).position.cwiseMax(-0.5).cwiseMin(0.5);
 }
 
-void ColorHistogram::sample(const Frame& frame, const Point2& centre, const cv::Size& grid) {
+void ColorHistogram::sample(const Frame& frame, const Point2& centre, int margin) {
+  const cv::Size grid(cols_ + 2 * margin, rows_ + 2 * margin);
   const Size2 window = spacing_ * Size2(grid.width, grid.height);
   cv::Mat& patch = patch_.mat;
   if (space_ == Space::Gray)

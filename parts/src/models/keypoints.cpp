@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <asterism/parts/concept/part_options.hpp>
 #include <asterism/parts/models/keypoints.hpp>
 #include <opencv2/features2d.hpp>
@@ -13,6 +14,8 @@ namespace {
 constexpr int kDescriptorSide = 32;
 // A peak of 1 needs at least this many votes: with fewer key-points no match is certain.
 constexpr std::size_t kFewest = 5;
+// A vote with which no other agrees is probably that of a key-point that is not seen.
+constexpr std::size_t kFewestVotes = 2;
 // Bits of an ORB descriptor.
 constexpr int kDescriptorBits = 256;
 
@@ -63,14 +66,20 @@ Evidence Keypoints::localize(const Frame& frame, const Point2& around) {
   if (!offsets_.empty() && !seen.offsets.empty())
     cv::BFMatcher(cv::NORM_HAMMING).knnMatch(descriptors_, seen.descriptors, matches, 2);
 
-  std::vector<Point2> votes;  // for the target's displacement [template pixels]
+  // The learned key-point that each seen one is most like. Others that are matched to it are not seen.
+  std::vector<const cv::DMatch*> owners(seen.offsets.size());
   for (const std::vector<cv::DMatch>& match : matches) {
     const cv::DMatch& best = match[0];
     if (best.distance > options_.max_distance * kDescriptorBits) continue;
     if (match.size() > 1 && best.distance >= options_.max_ratio * match[1].distance) continue;
-    votes.push_back(seen.offsets[static_cast<std::size_t>(best.trainIdx)] -
-                    offsets_[static_cast<std::size_t>(best.queryIdx)]);
+    const cv::DMatch*& owner = owners[static_cast<std::size_t>(best.trainIdx)];
+    if (owner == nullptr || best.distance < owner->distance) owner = &best;
   }
+  std::vector<Point2> votes;  // for the target's displacement [template pixels]
+  for (const cv::DMatch* owner : owners)
+    if (owner != nullptr)
+      votes.push_back(seen.offsets[static_cast<std::size_t>(owner->trainIdx)] -
+                      offsets_[static_cast<std::size_t>(owner->queryIdx)]);
 
   // The vote with which most others agree; the first if several tie.
   std::vector<Point2> agreed;
@@ -86,7 +95,8 @@ Evidence Keypoints::localize(const Frame& frame, const Point2& around) {
   Evidence& evidence = response_.evidence;
   evidence.peak =
       static_cast<double>(agreed.size()) / static_cast<double>(std::max(kFewest, offsets_.size()));
-  if (agreed.empty()) {
+  if (agreed.size() < kFewestVotes) {
+    evidence.peak = 0;
     evidence.position = around;
     evidence.covariance = (window().cwiseAbs2() / 12).asDiagonal();
     return evidence;
@@ -104,17 +114,19 @@ Evidence Keypoints::localize(const Frame& frame, const Point2& around) {
 void Keypoints::adapt(const Frame& frame, const Point2& at) {
   const Detection seen = detect(frame, at);
   cv::Mat fresh = descriptors_.clone();
-  for (std::size_t i = 0; i < offsets_.size(); ++i) {
-    const int row = static_cast<int>(i);
-    double best = options_.max_distance * kDescriptorBits;
-    for (std::size_t j = 0; j < seen.offsets.size(); ++j) {
-      if ((seen.offsets[j] - offsets_[i]).norm() > options_.vote_radius) continue;
-      const cv::Mat descriptor = seen.descriptors.row(static_cast<int>(j));
-      const double distance = cv::norm(descriptors_.row(row), descriptor, cv::NORM_HAMMING);
-      if (distance > best) continue;
-      best = distance;
-      descriptor.copyTo(fresh.row(row));
-    }
+  std::vector<double> best(offsets_.size(), options_.max_distance * kDescriptorBits);
+  for (std::size_t j = 0; j < seen.offsets.size(); ++j) {
+    // The learned one whose place is nearest: another one that is not seen must not take its descriptor.
+    const auto distance_to = [&](const Point2& offset) { return (seen.offsets[j] - offset).norm(); };
+    const auto nearest = std::ranges::min_element(offsets_, {}, distance_to);
+    if (nearest == offsets_.end() || distance_to(*nearest) > options_.vote_radius) continue;
+    const int row = static_cast<int>(nearest - offsets_.begin());
+    const cv::Mat descriptor = seen.descriptors.row(static_cast<int>(j));
+    const double distance = cv::norm(descriptors_.row(row), descriptor, cv::NORM_HAMMING);
+    double& least = best[static_cast<std::size_t>(row)];
+    if (distance > least) continue;
+    least = distance;
+    descriptor.copyTo(fresh.row(row));
   }
   descriptors_ = fresh;
 }

@@ -62,7 +62,7 @@ Evidence Template::localize(const Frame& frame, const Point2& around) {
       values = scores;
     else
       values = 1 - scores / static_cast<float>(2 * contrast_);
-    if (values.maxCoeff() - values.minCoeff() <= kSame) values.setZero();
+    settle_ties(values, kSame);
   }
   // d^2 = 2 (1 - response); relative to the best one, so that no likelihood underflows.
   likelihood_.origin = response_.origin;

@@ -85,7 +85,8 @@ TrackResult KalmanTracker::follow(const Frame& frame) {
   const double scale = mean_side() / std::exp(log_mean_side(result.box));
   result.box = box_around(kept_in_image(frame, filter_.position().head<2>()),
                           scale * Size2(result.box.width, result.box.height));
-  result.covariance = filter_.covariance().topLeftCorner<3, 3>();
+  result.covariance.reset();
+  if (!result.interrupted) result.covariance = filter_.covariance().topLeftCorner<3, 3>();
   result.times.push_back({"filter", clock.lap()});
   return result;
 }

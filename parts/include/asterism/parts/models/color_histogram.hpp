@@ -66,12 +66,12 @@ class ASTERISM_API ColorHistogram {
 
  private:
   void prepare(const Size2& size, Space space);  // all that follows from them
-  // The bins of the window of `grid` template pixels around `centre`, in `bins_`, row by row.
-  void sample(const Frame& frame, const Point2& centre, const cv::Size& grid);
+  // The bins of the box around `centre` and `margin` template pixels on each side, in `bins_`, row by row.
+  void sample(const Frame& frame, const Point2& centre, int margin);
   void learn(const Frame& frame, const Point2& at, double rate);
-  // rho at displacements of up to `reach` template pixels from `around`.
+  // rho at displacements of up to `reach` template pixels, of the bins with that margin.
   using Map = decltype(ResponseMap::values);
-  void match(const Frame& frame, const Point2& around, int reach, Map& values);
+  void match(int reach, Map& values);
 
   ColorHistogramOptions options_;
   Size2 size_ = Size2::Zero();  // of the target

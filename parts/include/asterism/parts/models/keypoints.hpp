@@ -31,7 +31,8 @@ struct KeypointsOptions {
 /// Each key-point learned on the target votes, where it is matched, for the position that it had the same
 /// offset from. The largest group of votes that agree gives the position, their mean; the peak is their
 /// number over that of the learned key-points (over 5 where those are fewer), so that occlusion is a low
-/// peak. Without a vote the peak is 0, the position that of the search and the covariance the window's.
+/// peak. Without two votes that agree the peak is 0, the position that of the search and the covariance the
+/// window's.
 class ASTERISM_API Keypoints {
  public:
   /// Throws std::invalid_argument for options out of range.
@@ -39,11 +40,12 @@ class ASTERISM_API Keypoints {
 
   /// Learn the key-points on a target of `size` [px] at `centre` [px].
   void init(const Frame& frame, const Point2& centre, const Size2& size);
-  /// Let them vote. The covariance is the scatter of the n votes that agree plus vote_radius^2 / n: one vote
-  /// is known to its radius.
+  /// Let them vote; of those that are matched to one seen key-point, only the one most like it does. The
+  /// covariance is the scatter of the n votes that agree plus vote_radius^2 / n.
   Evidence localize(const Frame& frame, const Point2& around);
-  /// Key-points that are where they belong, vote_radius at most from it and a match, take the descriptor that
-  /// they have there. Offsets stay: the model follows the appearance and does not drift.
+  /// Key-points that are where they belong (a match, at most vote_radius away, and nearer to no other's
+  /// place) take the descriptor that they have there. Offsets stay: the model follows the appearance and does
+  /// not drift.
   void adapt(const Frame& frame, const Point2& at);
 
   double similarity_at(const Point2& position) const { return response_.at(position); }

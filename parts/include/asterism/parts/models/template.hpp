@@ -32,8 +32,8 @@ struct TemplateOptions {
 ///
 /// The template is compared at every displacement of a grid of template pixels. The response is 1 - d^2 / 2,
 /// which is the NCC itself for that distance; the covariance is that of the displacement's likelihood
-/// (Nickels and Hutchinson, IVC 2002). A template without contrast, or a response that is the same
-/// everywhere, says nothing: the similarity is 0.
+/// (Nickels and Hutchinson, IVC 2002). Among equal matches the one nearest to the window's middle counts. A
+/// template without contrast, or a response that is the same everywhere, says nothing: the similarity is 0.
 class ASTERISM_API Template {
  public:
   /// Throws std::invalid_argument for options out of range.

@@ -55,7 +55,8 @@ struct KalmanOptions {
 
 /// Any tracker with a Kalman filter on its box: the velocity of the centre and of the logarithm of the size
 /// changes only by white acceleration; the tracker's box measures them, with TrackResult::covariance if it
-/// has one. The result is the tracker's, with filtered box and covariance; the box keeps its aspect ratio.
+/// has one. The result is the tracker's, with filtered box and covariance; the box keeps its aspect ratio. A
+/// frame that shows nothing of the scene changes nothing, and its result has no covariance.
 /// The tracker itself continues from its own box.
 class ASTERISM_API KalmanTracker : public TrackerBase<KalmanTracker> {
  public:
