@@ -72,18 +72,18 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
   }
 
   /// Validates the inputs, aligns x, and computes the scales of the stopping rule (stationarity.hpp).
-  [[gnu::noinline]] void prepare(std::ptrdiff_t s) const {
+  ASTERISM_KERNEL void prepare(std::ptrdiff_t s) const {
     V x[kSize], a[kSize], k[kNodes], stiffness[kNodes];
     V finite = L::set(0), least = L::set(0), extent = L::set(0), total = L::set(0);
     M all_held = L::mask(kAll);
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       k[i] = stiffness[i] = plane(planes_.anchor_stiffness, i, s);
       finite = L::fma(k[i], L::set(0), finite);
       least = L::min(k[i], least);
       total = total + k[i];
       const M held = L::less(L::set(0), k[i]);
       all_held = L::both(all_held, held);
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         const int c = kDim * i + d;
         x[c] = plane(planes_.x, c, s);
         const V given = plane(planes_.anchors, c, s);
@@ -93,7 +93,7 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
       });
     });
     V link_total = L::set(0), strongest = L::set(0);
-    each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+    each_link([&](auto l, auto i, auto j) ASTERISM_IN_KERNEL {
       const V kl = plane(planes_.link_stiffness, l, s);
       const V mu = plane(planes_.rest_length, l, s);
       finite = L::fma(kl, L::set(0), L::fma(mu, L::set(0), finite));
@@ -107,7 +107,7 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
     const V reach = L::set(tolerance_) * length;
     V stiffness_total = L::set(0);
     V least_stiffness = stiffness[0];
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       stiffness_total = stiffness_total + stiffness[i];
       least_stiffness = L::min(stiffness[i], least_stiffness);
       L::store(rounding_ + i * stride_ + s, L::set(kRounding) * stiffness[i]);
@@ -124,13 +124,13 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
       align(x, a, k, extent, good);
       // A distant start has been moved near the anchors.
       extent = L::set(0);
-      each_coordinate([&](auto c)
-                          ASTERISM_INLINED { extent = L::max(L::max(L::abs(x[c]), L::abs(a[c])), extent); });
+      each_coordinate(
+          [&](auto c) ASTERISM_IN_KERNEL { extent = L::max(L::max(L::abs(x[c]), L::abs(a[c])), extent); });
     }
     const V rounding = L::set(kRounding) * extent;
     const V floor = stiffness_total * rounding * rounding;
     good = L::both(good, L::less(floor, L::set(R::kMax)));
-    each_coordinate([&](auto c) ASTERISM_INLINED { L::store(final_x_ + c * stride_ + s, x[c]); });
+    each_coordinate([&](auto c) ASTERISM_IN_KERNEL { L::store(final_x_ + c * stride_ + s, x[c]); });
     const M loose = L::less(L::set(10) * total, link_total);
     const V mode = L::select(loose, L::set(align_ ? 2 : 1), L::set(1));
     L::store(mode_ + s, L::select(good, mode, L::set(0)));
@@ -143,12 +143,13 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
   }
 
   /// The lanes in which every node has a path of positive stiffness to an anchor.
-  [[gnu::noinline]] M connected(std::ptrdiff_t s, const V* k) const {
+  ASTERISM_KERNEL M connected(std::ptrdiff_t s, const V* k) const {
     V held[kNodes] = {};
-    each_node([&](auto i)
-                  ASTERISM_INLINED { held[i] = L::select(L::less(L::set(0), k[i]), L::set(1), L::set(0)); });
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
+      held[i] = L::select(L::less(L::set(0), k[i]), L::set(1), L::set(0));
+    });
     for (int sweep = 1; sweep < nodes(); ++sweep) {
-      each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+      each_link([&](auto l, auto i, auto j) ASTERISM_IN_KERNEL {
         const V kl = plane(planes_.link_stiffness, l, s);
         const V either = L::select(L::less(L::set(0), kl), L::max(held[i], held[j]), L::set(0));
         held[i] = L::max(held[i], either);
@@ -156,35 +157,34 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
       });
     }
     V all = held[0];
-    each_node([&](auto i) ASTERISM_INLINED { all = L::min(all, held[i]); });
+    each_node([&](auto i) ASTERISM_IN_KERNEL { all = L::min(all, held[i]); });
     return L::less(L::set(0), all);
   }
 
   /// detail::align of align.hpp in the lanes of `which`.
   template <typename Coordinates, typename Anchors, typename Stiffness>
-  [[gnu::always_inline]] void align(Coordinates& x, const Anchors& a, const Stiffness& k, V extent,
-                                    M which) const {
+  ASTERISM_KERNEL void align(Coordinates& x, const Anchors& a, const Stiffness& k, V extent, M which) const {
     V total = L::set(0);
     V centre[kDim], anchor_centre[kDim];
-    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centre[d] = anchor_centre[d] = L::set(0); });
-    each_node([&](auto i) ASTERISM_INLINED {
+    unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL { centre[d] = anchor_centre[d] = L::set(0); });
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       total = total + k[i];
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         centre[d] = L::fma(k[i], x[kDim * i + d], centre[d]);
         anchor_centre[d] = L::fma(k[i], a[kDim * i + d], anchor_centre[d]);
       });
     });
     const V inverse_total = L::inverse(total);
-    unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+    unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
       centre[d] = centre[d] * inverse_total;
       anchor_centre[d] = anchor_centre[d] * inverse_total;
     });
     V product[kDim * kDim];  // sum k q p^T
-    unroll<0, kDim * kDim>([&](auto e) ASTERISM_INLINED { product[e] = L::set(0); });
+    unroll<0, kDim * kDim>([&](auto e) ASTERISM_IN_KERNEL { product[e] = L::set(0); });
     V spread = L::set(0), anchor_spread = L::set(0), before = L::set(0);
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       V p[kDim], kq[kDim];
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         p[d] = x[kDim * i + d] - centre[d];
         const V q = a[kDim * i + d] - anchor_centre[d];
         kq[d] = k[i] * q;
@@ -193,8 +193,8 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
         const V offset = x[kDim * i + d] - a[kDim * i + d];
         before = L::fma(k[i] * offset, offset, before);
       });
-      unroll<0, kDim>([&](auto row) ASTERISM_INLINED {
-        unroll<0, kDim>([&](auto column) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto row) ASTERISM_IN_KERNEL {
+        unroll<0, kDim>([&](auto column) ASTERISM_IN_KERNEL {
           product[kDim * row + column] = L::fma(kq[row], p[column], product[kDim * row + column]);
         });
       });
@@ -207,26 +207,27 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
 
     V after = L::set(0);
     V moved[kSize];
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       V p[kDim];
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED { p[d] = x[kDim * i + d] - centre[d]; });
-      unroll<0, kDim>([&](auto row) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL { p[d] = x[kDim * i + d] - centre[d]; });
+      unroll<0, kDim>([&](auto row) ASTERISM_IN_KERNEL {
         V y = anchor_centre[row];
         unroll<0, kDim>([&](auto column)
-                            ASTERISM_INLINED { y = L::fma(rotation[kDim * row + column], p[column], y); });
+                            ASTERISM_IN_KERNEL { y = L::fma(rotation[kDim * row + column], p[column], y); });
         moved[kDim * i + row] = y;
         const V offset = y - a[kDim * i + row];
         after = L::fma(k[i] * offset, offset, after);
       });
     });
     const M nearer = L::both(which, L::less(after, before));
-    each_coordinate([&](auto c) ASTERISM_INLINED { x[c] = L::select(nearer, moved[c], x[c]); });
+    each_coordinate([&](auto c) ASTERISM_IN_KERNEL { x[c] = L::select(nearer, moved[c], x[c]); });
   }
 
   /// nearest_rotation of align.hpp; the identity in lanes where `turns` is not set.
-  [[gnu::always_inline]] static void nearest_rotation(const V* product, M turns, V* rotation) {
+  ASTERISM_IN_KERNEL static void nearest_rotation(const V* product, M turns, V* rotation) {
     V square = L::set(0);
-    unroll<0, kDim * kDim>([&](auto e) ASTERISM_INLINED { square = L::fma(product[e], product[e], square); });
+    unroll<0, kDim * kDim>([&](auto e)
+                               ASTERISM_IN_KERNEL { square = L::fma(product[e], product[e], square); });
     if constexpr (kDim == 2) {
       const V cosine = product[0] + product[3];
       const V sine = product[2] - product[1];
@@ -245,7 +246,7 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
       const M any = L::both(turns, L::less(L::set(0), square));
       const V inverse = L::inverse_sqrt(L::select(any, square, L::set(1)));
       V m[9];
-      unroll<0, 9>([&](auto e) ASTERISM_INLINED { m[e] = product[e] * inverse; });
+      unroll<0, 9>([&](auto e) ASTERISM_IN_KERNEL { m[e] = product[e] * inverse; });
       const V shift = L::set(static_cast<T>(1.7320508075688772));  // |eigenvalues| <= sqrt(3) |M|
       V q[10] = {m[0] + m[4] + m[8] + shift,
                  m[7] - m[5],
@@ -260,8 +261,8 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
       constexpr int kAt[4][4] = {{0, 1, 2, 3}, {1, 4, 5, 6}, {2, 5, 7, 8}, {3, 6, 8, 9}};
       for (int power = 0; power < 8; ++power) {
         V p[10];
-        unroll<0, 4>([&](auto row) ASTERISM_INLINED {
-          unroll<row, 4>([&](auto column) ASTERISM_INLINED {
+        unroll<0, 4>([&](auto row) ASTERISM_IN_KERNEL {
+          unroll<row, 4>([&](auto column) ASTERISM_IN_KERNEL {
             V sum = q[kAt[row][0]] * q[kAt[0][column]];
             sum = L::fma(q[kAt[row][1]], q[kAt[1][column]], sum);
             sum = L::fma(q[kAt[row][2]], q[kAt[2][column]], sum);
@@ -269,15 +270,15 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
           });
         });
         const V scale = L::inverse(p[0] + p[4] + p[7] + p[9]);
-        unroll<0, 10>([&](auto e) ASTERISM_INLINED { q[e] = p[e] * scale; });
+        unroll<0, 10>([&](auto e) ASTERISM_IN_KERNEL { q[e] = p[e] * scale; });
       }
       V h[4] = {q[0], q[1], q[2], q[3]};
       V largest = q[0];
-      unroll<1, 4>([&](auto c) ASTERISM_INLINED {
+      unroll<1, 4>([&](auto c) ASTERISM_IN_KERNEL {
         const V diagonal = q[kAt[c][c]];
         const M larger = L::less(largest, diagonal);
         largest = L::max(largest, diagonal);
-        unroll<0, 4>([&](auto r) ASTERISM_INLINED { h[r] = L::select(larger, q[kAt[r][c]], h[r]); });
+        unroll<0, 4>([&](auto r) ASTERISM_IN_KERNEL { h[r] = L::select(larger, q[kAt[r][c]], h[r]); });
       });
       const V norm = L::inverse_sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2] + h[3] * h[3]);
       const V w = L::select(any, h[0] * norm, L::set(1)), x = L::select(any, h[1] * norm, L::set(0)),
@@ -340,7 +341,7 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
   }
 
   // Puts the next systems into free lanes.
-  void refill(State& state, unsigned free, std::ptrdiff_t& next, std::ptrdiff_t last) const {
+  ASTERISM_KERNEL void refill(State& state, unsigned free, std::ptrdiff_t& next, std::ptrdiff_t last) const {
     for (; free != 0 && next < last; free &= free - 1) {
       const int lane = __builtin_ctz(free);
       state.index[lane] = next;
@@ -350,23 +351,23 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
   }
 
   // Puts system s into a lane, number by number.
-  [[gnu::always_inline]] void insert(State& state, int lane, std::ptrdiff_t s) const {
+  ASTERISM_IN_KERNEL void insert(State& state, int lane, std::ptrdiff_t s) const {
     const auto put = [lane](V& values, T value)
-                         ASTERISM_INLINED { reinterpret_cast<T*>(&values)[lane] = value; };
-    const auto take = [s, put](V& values, const T* source) ASTERISM_INLINED { put(values, source[s]); };
+                         ASTERISM_IN_KERNEL { reinterpret_cast<T*>(&values)[lane] = value; };
+    const auto take = [s, put](V& values, const T* source) ASTERISM_IN_KERNEL { put(values, source[s]); };
     // Without stiffness, an anchor's position and a link's rest length mean nothing, and may overflow.
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       take(state.k[i], planes_.anchor_stiffness + i * stride_);
       take(state.rounding[i], rounding_ + i * stride_);
       const bool held = planes_.anchor_stiffness[i * stride_ + s] > 0;
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         const int c = kDim * i + d;
         take(state.x[c], final_x_ + c * stride_);
         take(state.a[c], (held ? planes_.anchors : final_x_) + c * stride_);
         put(state.p[c], 0);
       });
     });
-    each_link([&](auto l, auto, auto) ASTERISM_INLINED {
+    each_link([&](auto l, auto, auto) ASTERISM_IN_KERNEL {
       const bool pulls = planes_.link_stiffness[l * stride_ + s] > 0;
       take(state.mu[l], (pulls ? planes_.rest_length : planes_.link_stiffness) + l * stride_);  // else 0
       take(state.kl[l], planes_.link_stiffness + l * stride_);
@@ -392,10 +393,10 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
 
   /// Energy, gradient, Hessian, its factors and Newton's step at x. The energy is NaN if nodes coincide.
   template <typename Coordinates>
-  [[gnu::always_inline]] Evaluation evaluate(const State& s, const Coordinates& x, V limit, V* step) const {
+  ASTERISM_IN_KERNEL Evaluation evaluate(const State& s, const Coordinates& x, V limit, V* step) const {
     V h[kHessian];
     V g[kSize];
-    const auto [twice, most] = this->assemble(s, x, limit, h, g, [](auto, V, V, V) ASTERISM_INLINED {});
+    const auto [twice, most] = this->assemble(s, x, limit, h, g, [](auto, V, V, V) ASTERISM_IN_KERNEL {});
     const auto [decrement, definite, flattest] = this->solve_linear(h, g, s.rounding, step);
     const M apart = L::less(most, L::set(R::kCoincident));
     const V energy = L::select(apart, L::set(T(0.5)) * twice, L::set(static_cast<T>(__builtin_nan(""))));
@@ -403,9 +404,9 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
   }
 
   // Evaluates the trial point of every lane. Returns the lanes that are done with their systems.
-  [[gnu::noinline]] unsigned advance(State& s) const {
+  ASTERISM_KERNEL unsigned advance(State& s) const {
     V y[kSize], q[kSize];
-    each_coordinate([&](auto c) ASTERISM_INLINED { y[c] = L::fnma(s.t, s.p[c], s.x[c]); });
+    each_coordinate([&](auto c) ASTERISM_IN_KERNEL { y[c] = L::fnma(s.t, s.p[c], s.x[c]); });
     const M loose = L::less(L::set(1), s.mode);
     if ((L::bits(loose) & s.live) != 0) [[unlikely]]
       align(y, s.a, s.k, s.extent, loose);
@@ -420,10 +421,10 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
     const V target = L::fnma(L::set(T(1e-4)) * s.t, s.decrement, s.energy + slack);
     const M falls = L::at_most(e.energy, target);
     V longest = zero;  // the square of the longest step of a node
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       V square = q[kDim * i] * q[kDim * i];
       unroll<1, kDim>([&](auto d)
-                          ASTERISM_INLINED { square = L::fma(q[kDim * i + d], q[kDim * i + d], square); });
+                          ASTERISM_IN_KERNEL { square = L::fma(q[kDim * i + d], q[kDim * i + d], square); });
       longest = L::max(longest, square);
     });
     const V count = s.iterations + L::select(L::both(falls, L::less(zero, s.t)), one, zero);
@@ -450,7 +451,7 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
     s.decrement = L::select(falls, e.decrement, s.decrement);
     s.t = L::select(falls, one, shorter);
     s.clamped = L::select(falls, L::max(s.clamped - one, zero), s.clamped);
-    each_coordinate([&](auto c) ASTERISM_INLINED {
+    each_coordinate([&](auto c) ASTERISM_IN_KERNEL {
       s.x[c] = L::select(falls, y[c], s.x[c]);
       s.p[c] = L::select(falls, q[c], s.p[c]);
     });
@@ -461,10 +462,10 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
 
   // Writes the systems of the lanes in `done`. A converged one takes its last step, too, which is so short
   // that it needs no evaluation.
-  void write(State& s, unsigned done, unsigned finished, unsigned late) const {
+  ASTERISM_KERNEL void write(State& s, unsigned done, unsigned finished, unsigned late) const {
     const V last_step = L::select(L::mask(finished), L::set(1), L::set(0));
     T out[kSize][kLanes];
-    each_coordinate([&](auto c) ASTERISM_INLINED { L::store(out[c], L::fnma(last_step, s.p[c], s.x[c])); });
+    each_coordinate([&](auto c) ASTERISM_IN_KERNEL { L::store(out[c], L::fnma(last_step, s.p[c], s.x[c])); });
     T energy[kLanes], iterations[kLanes], mode[kLanes];
     L::store(energy, s.energy);
     L::store(iterations, s.iterations + last_step);
@@ -472,7 +473,7 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
     for (unsigned rest = done; rest != 0; rest &= rest - 1) {
       const int lane = __builtin_ctz(rest);
       const std::ptrdiff_t index = s.index[lane];
-      each_coordinate([&](auto c) ASTERISM_INLINED { final_x_[c * stride_ + index] = out[c][lane]; });
+      each_coordinate([&](auto c) ASTERISM_IN_KERNEL { final_x_[c * stride_ + index] = out[c][lane]; });
       energy_before_[index] = energy[lane];
       planes_.iterations[index] = static_cast<std::int32_t>(iterations[lane]);
       const bool is_in = mode[lane] >= 1;
@@ -485,14 +486,14 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
   }
 
   /// Checks the results from the energy and gradient at x, computed afresh, as session.hpp does.
-  [[gnu::noinline]] void judge(std::ptrdiff_t s) const {
+  ASTERISM_KERNEL void judge(std::ptrdiff_t s) const {
     V start[kSize], x[kSize], a[kSize], g[kSize];
     V k[kNodes];
     V twice = L::set(0), twice_start = L::set(0);
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       k[i] = plane(planes_.anchor_stiffness, i, s);
       const M held = L::less(L::set(0), k[i]);
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         const int c = kDim * i + d;
         start[c] = plane(planes_.x, c, s);
         x[c] = plane(final_x_, c, s);
@@ -505,12 +506,12 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
       });
     });
     V most = L::set(0);
-    each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+    each_link([&](auto l, auto i, auto j) ASTERISM_IN_KERNEL {
       const V kl = plane(planes_.link_stiffness, l, s);
       const V mu = L::select(L::less(L::set(0), kl), plane(planes_.rest_length, l, s), L::set(0));
       V d[kDim];
       V square = L::set(0), square_start = L::set(0);
-      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto c) ASTERISM_IN_KERNEL {
         d[c] = x[kDim * i + c] - x[kDim * j + c];
         square = L::fma(d[c], d[c], square);
         const V f = start[kDim * i + c] - start[kDim * j + c];
@@ -525,17 +526,17 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
       const V stretch_start =
           L::fma(square_start, L::inverse_sqrt(L::max(square_start, L::set(R::kTiny))), L::set(0) - mu);
       twice_start = L::fma(kl * stretch_start, stretch_start, twice_start);
-      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto c) ASTERISM_IN_KERNEL {
         g[kDim * i + c] = L::fma(pull, d[c], g[kDim * i + c]);
         g[kDim * j + c] = L::fnma(pull, d[c], g[kDim * j + c]);
       });
     });
     // The stopping rule: max_i |g_i| / A_ii against tolerance times length.
     V largest = L::set(0);
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       const V inverse = L::inverse(plane(rounding_, i, s)) * L::set(8 * R::kEpsilon);
       V square = L::set(0);
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         const V e = g[kDim * i + d] * inverse;
         square = L::fma(e, e, square);
       });
@@ -558,7 +559,7 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
       if (outcome != kLeft) taken |= 1U << lane;
     }
     const M which = L::mask(taken);
-    each_coordinate([&](auto c) ASTERISM_INLINED {
+    each_coordinate([&](auto c) ASTERISM_IN_KERNEL {
       L::store(planes_.x + c * stride_ + s, L::select(which, x[c], start[c]));
     });
     L::store(planes_.initial_energy + s, initial);
@@ -568,20 +569,20 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
 
   /// The lower bound of certificate.hpp at x, from the factors L D L^T of W; 0 if W is not positive definite.
   /// kSlack allows for inverses and roots with errors of a few epsilon, and for a node that has every link.
-  [[gnu::noinline]] void prove(std::ptrdiff_t s) const {
+  ASTERISM_KERNEL void prove(std::ptrdiff_t s) const {
     constexpr T kSlack = 4 * R::kEpsilon;
     const V zero = L::set(0), half = L::set(T(0.5));
     const T n = static_cast<T>(nodes()), terms = static_cast<T>(links() + 2);
     V x[kSize], g[kSize], scale[kNodes], force[kNodes];
     V W[kNodes * (kNodes + 1) / 2];
-    const auto at = [](auto row, auto column) ASTERISM_INLINED { return row * (row + 1) / 2 + column; };
+    const auto at = [](auto row, auto column) ASTERISM_IN_KERNEL { return row * (row + 1) / 2 + column; };
     V energy = zero, rounding = zero;
     M good = L::mask(kAll);
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       const V k = plane(planes_.anchor_stiffness, i, s);
       const M held = L::less(zero, k);
       V reach = zero;
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         const int c = kDim * i + d;
         x[c] = plane(planes_.x, c, s);
         const V e = x[c] - L::select(held, plane(planes_.anchors, c, s), x[c]);
@@ -595,12 +596,12 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
       W[at(static_cast<int>(i), static_cast<int>(i))] = k;
     });
     rounding = L::set(4) * energy;
-    each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+    each_link([&](auto l, auto i, auto j) ASTERISM_IN_KERNEL {
       const V k = plane(planes_.link_stiffness, l, s);
       const V mu = L::select(L::less(zero, k), plane(planes_.rest_length, l, s), zero);
       V d[kDim];
       V square = zero;
-      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto c) ASTERISM_IN_KERNEL {
         d[c] = x[kDim * i + c] - x[kDim * j + c];
         square = L::fma(d[c], d[c], square);
       });
@@ -615,13 +616,13 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
       rounding = L::fma(L::set(8) * (L::abs(tension) + L::set(R::kEpsilon) * reach), length + mu, rounding);
       const int low = i < j ? int(i) : int(j), high = i < j ? int(j) : int(i);
       W[at(high, low)] = W[at(high, low)] - w;
-      const auto add = [&](int end) ASTERISM_INLINED {
+      const auto add = [&](int end) ASTERISM_IN_KERNEL {
         W[at(end, end)] = W[at(end, end)] + w;
         scale[end] = scale[end] + (k + pressure);
         force[end] = force[end] + reach;
       };
       add(i), add(j);
-      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto c) ASTERISM_IN_KERNEL {
         g[kDim * i + c] = L::fma(w, d[c], g[kDim * i + c]);
         g[kDim * j + c] = L::fnma(w, d[c], g[kDim * j + c]);
       });
@@ -630,7 +631,7 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
 
     // Factors M = W - 2 shift scale, with 1 / D on the diagonal, and computes g^T M^-1 g in the same sweep.
     const V shift = L::set(kSlack * (n * (n + 3) + terms + 16));
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       V& pivot = W[at(static_cast<int>(i), static_cast<int>(i))];
       pivot = L::fnma(shift + shift, scale[i], pivot);
     });
@@ -638,13 +639,13 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
     for (int j = 0; j < nodes(); ++j) {
       good = L::both(good, L::less(L::set(R::kTiny), W[at(j, j)]));
       const V inverse = W[at(j, j)] = L::inverse(W[at(j, j)]);
-      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto c) ASTERISM_IN_KERNEL {
         square = L::fma(g[kDim * j + c] * inverse, g[kDim * j + c], square);
       });
       for (int k = j + 1; k < nodes(); ++k) {
         const V factor = W[at(k, j)] * inverse;
         for (int i = k; i < nodes(); ++i) W[at(i, k)] = L::fnma(factor, W[at(i, j)], W[at(i, k)]);
-        unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+        unroll<0, kDim>([&](auto c) ASTERISM_IN_KERNEL {
           g[kDim * k + c] = L::fnma(factor, g[kDim * j + c], g[kDim * k + c]);
         });
       }
@@ -663,7 +664,7 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
     }
     // What the gradient's rounding adds, measured by W >= shift scale or by W >= 1 / trace.
     V scaled = zero, plain = zero;
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       const V f = L::set(kSlack * (8 + terms)) * force[i];
       scaled = L::fma(f * L::inverse(shift * scale[i]), f, scaled);
       plain = L::fma(f * (L::set(T(1.02)) * trace), f, plain);

@@ -61,36 +61,36 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
   };
 
   // There are more planes than a processor's own prefetchers follow.
-  [[gnu::always_inline]] void prefetch(std::ptrdiff_t s) const {
+  ASTERISM_IN_KERNEL void prefetch(std::ptrdiff_t s) const {
     constexpr int kAhead = 64;  // systems
     constexpr int kPerLine = 64 / sizeof(T);
     if (s % kPerLine != 0) return;
     const auto fetch = [&](const T* planes, int which)
-                           ASTERISM_INLINED { __builtin_prefetch(planes + which * stride_ + s + kAhead); };
-    each_coordinate([&](auto c) ASTERISM_INLINED {
+                           ASTERISM_IN_KERNEL { __builtin_prefetch(planes + which * stride_ + s + kAhead); };
+    each_coordinate([&](auto c) ASTERISM_IN_KERNEL {
       fetch(planes_.x, c);
       fetch(planes_.anchors, c);
       fetch(planes_.grad_x, c);
     });
-    each_node([&](auto i) ASTERISM_INLINED { fetch(planes_.anchor_stiffness, i); });
-    each_link([&](auto l, auto, auto) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL { fetch(planes_.anchor_stiffness, i); });
+    each_link([&](auto l, auto, auto) ASTERISM_IN_KERNEL {
       fetch(planes_.rest_length, l);
       fetch(planes_.link_stiffness, l);
     });
   }
 
   // Whatever is not finite fails a comparison below, or makes a result that is not.
-  [[gnu::noinline]] void differentiate(std::ptrdiff_t s) const {
+  ASTERISM_KERNEL void differentiate(std::ptrdiff_t s) const {
     prefetch(s);
     const V zero = L::set(0);
     Springs springs;
     V x[kSize], right[kSize], stiffness[kNodes];
     V least = L::set(R::kMax), strongest = zero, link_total = zero, farthest = zero;
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       springs.k[i] = stiffness[i] = plane(planes_.anchor_stiffness, i, s);
       least = L::min(springs.k[i], least);
       V square = zero;
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         const int c = kDim * i + d;
         x[c] = plane(planes_.x, c, s);
         springs.a[c] = plane(planes_.anchors, c, s);
@@ -100,7 +100,7 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
       farthest = L::max(square, farthest);
     });
     M good = L::mask(kAll);
-    each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+    each_link([&](auto l, auto i, auto j) ASTERISM_IN_KERNEL {
       const V k = springs.kl[l] = plane(planes_.link_stiffness, l, s);
       springs.mu[l] = plane(planes_.rest_length, l, s);
       least = L::min(k, least);
@@ -118,7 +118,7 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
     const V extent = L::fma(length, length, L::set(2) * farthest);
     const V apart = L::max(L::set(kApart * kRounding * kRounding) * extent, L::set(kApart * R::kTiny));
     this->assemble(springs, x, L::set(R::kMax), h, g,
-                   [&](auto l, V square, V inverse, V difference) ASTERISM_INLINED {
+                   [&](auto l, V square, V inverse, V difference) ASTERISM_IN_KERNEL {
                      good = L::both(good, L::less(apart, square));
                      inverse_length[l] = inverse;
                      stretch[l] = difference;
@@ -127,11 +127,11 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
     // |g_i| <= tolerance A_ii L, without overflow or underflow
     const V reach = L::set(tolerance_) * length;
     V rounding[kNodes];
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       rounding[i] = L::set(kRounding) * stiffness[i];
       V square = zero;
       unroll<0, kDim>([&](auto d)
-                          ASTERISM_INLINED { square = L::fma(g[kDim * i + d], g[kDim * i + d], square); });
+                          ASTERISM_IN_KERNEL { square = L::fma(g[kDim * i + d], g[kDim * i + d], square); });
       const V force = reach * stiffness[i];
       const V most = force * force;
       good = L::both(good, L::both(L::at_most(square, most), L::less(most, L::set(R::kMax))));
@@ -145,22 +145,22 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
 
     V finite = zero;
     const V room = L::set(kRoom);
-    const auto put = [&](T* values, int which, V value) ASTERISM_INLINED {
+    const auto put = [&](T* values, int which, V value) ASTERISM_IN_KERNEL {
       finite = L::fma(room * value, zero, finite);
       L::store(values + which * stride_ + s, value);
     };
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       V work = zero;
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         const int c = kDim * i + d;
         put(planes_.by_anchors, c, springs.k[i] * lambda[c]);
         work = L::fma(lambda[c], springs.a[c] - x[c], work);
       });
       put(planes_.by_anchor_stiffness, i, work);
     });
-    each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+    each_link([&](auto l, auto i, auto j) ASTERISM_IN_KERNEL {
       V apart_by = zero;  // how fast lambda moves the ends apart
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         apart_by =
             L::fma(x[kDim * i + d] - x[kDim * j + d], lambda[kDim * i + d] - lambda[kDim * j + d], apart_by);
       });
@@ -177,32 +177,32 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
 
   /// hold_of_body of free_motion.hpp, less what is rounding beside the links' stiffness: where anchors hold a
   /// rotation by little more than that, rounding decides whether the Hessian is positive definite.
-  [[gnu::always_inline]] V hold(const Springs& springs, const V* stiffness, const V* x) const {
+  ASTERISM_IN_KERNEL V hold(const Springs& springs, const V* stiffness, const V* x) const {
     const V zero = L::set(0), half = L::set(T(0.5));
     V total = zero;
     V anchor_centre[kDim], centre[kDim];
-    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { anchor_centre[d] = centre[d] = zero; });
-    each_node([&](auto i) ASTERISM_INLINED {
+    unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL { anchor_centre[d] = centre[d] = zero; });
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       const V k = springs.k[i];
       total = total + k;
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         anchor_centre[d] = L::fma(k, springs.a[kDim * i + d], anchor_centre[d]);
         centre[d] = L::fma(k, x[kDim * i + d], centre[d]);
       });
     });
     const V inverse = L::inverse(total);
-    unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+    unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
       anchor_centre[d] = anchor_centre[d] * inverse;
       centre[d] = centre[d] * inverse;
     });
     V m[kDim * kDim];  // in the plane its diagonal alone
-    unroll<0, kDim * kDim>([&](auto e) ASTERISM_INLINED { m[e] = zero; });
+    unroll<0, kDim * kDim>([&](auto e) ASTERISM_IN_KERNEL { m[e] = zero; });
     V size = zero, body = zero;
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       const V k = springs.k[i];
       V q[kDim], p[kDim];
       V square = zero, anchor_square = zero;
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         q[d] = springs.a[kDim * i + d] - anchor_centre[d];
         p[d] = x[kDim * i + d] - centre[d];
         square = L::fma(p[d], p[d], square);
@@ -210,9 +210,9 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
       });
       size = L::fma(k, square + anchor_square, size);
       body = L::fma(stiffness[i], square, body);
-      unroll<0, kDim>([&](auto r) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto r) ASTERISM_IN_KERNEL {
         const V weighted = k * q[r];
-        unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+        unroll<0, kDim>([&](auto c) ASTERISM_IN_KERNEL {
           if constexpr (kDim == 3 || r == c) m[kDim * r + c] = L::fma(weighted, p[c], m[kDim * r + c]);
         });
       });

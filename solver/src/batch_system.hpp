@@ -1,8 +1,23 @@
 #pragma once
 
 // What the batch kernels share: the systems of the lanes, one per lane, their Hessians and the factors of
-// these. Everything is inlined into the kernels.
+// these.
+#include <utility>  // types alone
+
 #include "batch_lanes.hpp"
+
+// Kernels, and what is inlined into them. GCC inlines always_inline functions level by level, and optimises
+// each level again, which takes a third of all the time; flatten inlines all levels at once. In clang, it
+// inlines one level alone.
+#if defined(__GNUC__) && !defined(__clang__)
+#define ASTERISM_KERNEL [[gnu::noinline, gnu::flatten]]
+#define ASTERISM_IN_KERNEL
+#define ASTERISM_UNROLL _Pragma("GCC unroll 16")
+#else
+#define ASTERISM_KERNEL [[gnu::noinline]]
+#define ASTERISM_IN_KERNEL __attribute__((always_inline))
+#define ASTERISM_UNROLL _Pragma("unroll")
+#endif
 
 namespace asterism::lanes_v0_1 {
 namespace {
@@ -12,12 +27,15 @@ struct Index {
   [[gnu::always_inline]] constexpr operator int() const { return k; }
 };
 
+template <int kFrom, typename F, int... k>
+ASTERISM_IN_KERNEL inline void call_each(F&& f, std::integer_sequence<int, k...>) {
+  (f(Index<kFrom + k>()), ...);
+}
+
+/// f(Index<kFrom>()), ..., f(Index<kTo - 1>()).
 template <int kFrom, int kTo, typename F>
-ASTERISM_INLINE void unroll(F&& f) {
-  if constexpr (kFrom < kTo) {
-    f(Index<kFrom>());
-    unroll<kFrom + 1, kTo>(static_cast<F&&>(f));
-  }
+ASTERISM_IN_KERNEL inline void unroll(F&& f) {
+  call_each<kFrom>(static_cast<F&&>(f), std::make_integer_sequence<int, (kFrom < kTo ? kTo - kFrom : 0)>());
 }
 
 template <typename T>
@@ -74,7 +92,7 @@ class LaneSystem {
   }
 
   template <int kFrom = 0, typename F>
-  [[gnu::always_inline]] void each_node(F&& f) const {
+  ASTERISM_IN_KERNEL void each_node(F&& f) const {
     if constexpr (kFull) {
       unroll<kFrom, kNodes>(static_cast<F&&>(f));
     } else {
@@ -82,7 +100,7 @@ class LaneSystem {
     }
   }
   template <typename F>
-  [[gnu::always_inline]] void each_coordinate(F&& f) const {
+  ASTERISM_IN_KERNEL void each_coordinate(F&& f) const {
     if constexpr (kFull) {
       unroll<0, kSize>(static_cast<F&&>(f));
     } else {
@@ -91,11 +109,11 @@ class LaneSystem {
   }
   // Calls f(link, i, j) with the link's two nodes.
   template <typename F>
-  [[gnu::always_inline]] void each_link(F&& f) const {
+  ASTERISM_IN_KERNEL void each_link(F&& f) const {
     if constexpr (kFull) {
-      unroll<0, kNodes>([&](auto i) ASTERISM_INLINED {
+      unroll<0, kNodes>([&](auto i) ASTERISM_IN_KERNEL {
         unroll<i + 1, kNodes>(
-            [&](auto j) ASTERISM_INLINED { f(Index<i * kNodes - i*(i + 1) / 2 + j - i - 1>(), i, j); });
+            [&](auto j) ASTERISM_IN_KERNEL { f(Index<i * kNodes - i*(i + 1) / 2 + j - i - 1>(), i, j); });
       });
     } else {
       for (int l = 0; l < links_; ++l) f(l, system_.ends[2 * l], system_.ends[2 * l + 1]);
@@ -107,42 +125,42 @@ class LaneSystem {
   }
 
   /// characteristic_length of stationarity.hpp; 0 if the springs do not determine it.
-  [[gnu::always_inline]] V length(std::ptrdiff_t s, const V* a, const V* k, const V* stiffness, V link_total,
-                                  V strongest) const {
+  ASTERISM_IN_KERNEL V length(std::ptrdiff_t s, const V* a, const V* k, const V* stiffness, V link_total,
+                              V strongest) const {
     const V zero = L::set(0), one = L::set(1);
     const M no_links = L::at_most(link_total, zero);
     V counted[kNodes];  // k, 0 for a node without links beside others
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       counted[i] = L::select(L::either(no_links, L::less(k[i], stiffness[i])), k[i], zero);
       strongest = L::max(counted[i], strongest);
     });
     // SpringWeight
     const V full = L::set(T(1e-4)) * strongest;
     const V inverse_full = L::inverse(full);
-    const auto weight_of = [&](V kl) ASTERISM_INLINED {
+    const auto weight_of = [&](V kl) ASTERISM_IN_KERNEL {
       return L::select(L::less(zero, kl), L::select(L::at_most(full, kl), one, kl * inverse_full), zero);
     };
     V total = zero;
     V centroid[kDim];
-    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centroid[d] = zero; });
-    each_node([&](auto i) ASTERISM_INLINED {
+    unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL { centroid[d] = zero; });
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       counted[i] = weight_of(counted[i]);
       total = total + counted[i];
       unroll<0, kDim>(
-          [&](auto d) ASTERISM_INLINED { centroid[d] = L::fma(counted[i], a[kDim * i + d], centroid[d]); });
+          [&](auto d) ASTERISM_IN_KERNEL { centroid[d] = L::fma(counted[i], a[kDim * i + d], centroid[d]); });
     });
     const V inverse_total = L::inverse(total);
-    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centroid[d] = centroid[d] * inverse_total; });
+    unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL { centroid[d] = centroid[d] * inverse_total; });
     V square = zero;
-    each_node([&](auto i) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
       V distance = zero;
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         const V e = a[kDim * i + d] - centroid[d];
         distance = L::fma(e, e, distance);
       });
       square = square + L::select(L::less(zero, counted[i]), counted[i] * distance, zero);
     });
-    each_link([&](auto l, auto, auto) ASTERISM_INLINED {
+    each_link([&](auto l, auto, auto) ASTERISM_IN_KERNEL {
       const V weight = weight_of(plane(system_.link_stiffness, l, s));
       const V mu = L::select(L::less(zero, weight), plane(system_.rest_length, l, s), zero);
       total = total + weight;
@@ -170,30 +188,30 @@ class LaneSystem {
   /// springs is limited to `limit`: 1 clamps the curvature at zero, a huge one does nothing. Calls
   /// on_link(link, r^2, 1 / r, r - mu).
   template <typename Springs, typename Coordinates, typename OnLink>
-  [[gnu::always_inline]] Assembled assemble(const Springs& s, const Coordinates& x, V limit, V* h, V* g,
-                                            OnLink&& on_link) const {
+  ASTERISM_IN_KERNEL Assembled assemble(const Springs& s, const Coordinates& x, V limit, V* h, V* g,
+                                        OnLink&& on_link) const {
     const int n = size();
     V twice = L::set(0);
     if constexpr (!kFull) {
       for (int e = 0; e < n * (n + 3) / 2; ++e) h[e] = L::set(0);
     }
-    each_node([&](auto i) ASTERISM_INLINED {
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+    each_node([&](auto i) ASTERISM_IN_KERNEL {
+      unroll<0, kDim>([&](auto d) ASTERISM_IN_KERNEL {
         const int c = kDim * i + d;
         const V e = x[c] - s.a[c];
         g[c] = s.k[i] * e;
         twice = L::fma(g[c], e, twice);
-        unroll<0, kDim>([&](auto r) ASTERISM_INLINED {
+        unroll<0, kDim>([&](auto r) ASTERISM_IN_KERNEL {
           if constexpr (r >= d) at(h, kDim * i + r, c) = r == d ? s.k[i] : L::set(0);
         });
       });
     });
     V most = L::set(0);  // the greatest mu / r
-    each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+    each_link([&](auto l, auto i, auto j) ASTERISM_IN_KERNEL {
       const V k = s.kl[l], mu = s.mu[l];
       V d[kDim];
       V square = L::set(0);
-      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto c) ASTERISM_IN_KERNEL {
         d[c] = x[kDim * i + c] - x[kDim * j + c];
         square = c == 0 ? d[c] * d[c] : L::fma(d[c], d[c], square);
       });
@@ -207,12 +225,12 @@ class LaneSystem {
       const V bend = k * L::min(ratio, limit);
       const V across = k - bend;
       V u[kDim];
-      unroll<0, kDim>([&](auto c) ASTERISM_INLINED { u[c] = d[c] * inverse; });
-      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto c) ASTERISM_IN_KERNEL { u[c] = d[c] * inverse; });
+      unroll<0, kDim>([&](auto c) ASTERISM_IN_KERNEL {
         g[kDim * i + c] = L::fma(pull, d[c], g[kDim * i + c]);
         g[kDim * j + c] = L::fnma(pull, d[c], g[kDim * j + c]);
         const V b = bend * u[c];
-        unroll<0, kDim>([&](auto r) ASTERISM_INLINED {
+        unroll<0, kDim>([&](auto r) ASTERISM_IN_KERNEL {
           if constexpr (r >= c) {
             // The off-diagonal block; the link adds its negative to both diagonal blocks.
             const V value = r == c ? L::fnms(b, u[r], across) : L::set(0) - b * u[r];
@@ -241,13 +259,13 @@ class LaneSystem {
 
   /// result = H^-1 g by L D L^T, as in NewtonMatrix, with pivots repaired where they are not above
   /// `rounding`, one for each node. Overwrites h and g.
-  [[gnu::always_inline]] Solution solve_linear(V* h, V* g, const V* rounding, V* result) const {
+  ASTERISM_IN_KERNEL Solution solve_linear(V* h, V* g, const V* rounding, V* result) const {
     const int n = size();
     M definite = L::mask(kAll);
     V flattest = L::set(0);
     V inverse_pivot[kSize];
     V decrement = L::set(0);
-    const auto pivot = [&](auto c) ASTERISM_INLINED {
+    const auto pivot = [&](auto c) ASTERISM_IN_KERNEL {
       const V least = rounding[c / kDim];
       const V value = at(h, c, c);
       definite = L::both(definite, L::less(least, value));
@@ -256,21 +274,23 @@ class LaneSystem {
       return inverse_pivot[c];
     };
     if constexpr (kFull) {
-      unroll<0, kSize>([&](auto c) ASTERISM_INLINED {
+      unroll<0, kSize>([&](auto c) ASTERISM_IN_KERNEL {
         const V inverse = pivot(c);
-        unroll<c + 1, kSize>([&](auto j) ASTERISM_INLINED {
+        unroll<c + 1, kSize>([&](auto j) ASTERISM_IN_KERNEL {
           const V factor = at(h, j, c) * inverse;
-          unroll<j, kSize>([&](auto i)
-                               ASTERISM_INLINED { at(h, i, j) = L::fnma(factor, at(h, i, c), at(h, i, j)); });
+          // A loop: as calls, these are most of what there is to inline.
+          ASTERISM_UNROLL for (int i = j; i < kSize; ++i) {
+            at(h, i, j) = L::fnma(factor, at(h, i, c), at(h, i, j));
+          }
           g[j] = L::fnma(factor, g[c], g[j]);
           at(h, c, j) = factor;
         });
       });
-      unroll<0, kSize>([&](auto back) ASTERISM_INLINED {
+      unroll<0, kSize>([&](auto back) ASTERISM_IN_KERNEL {
         constexpr int c = kSize - 1 - back;
         V value = g[c] * inverse_pivot[c];
         decrement = L::fma(g[c], value, decrement);
-        unroll<0, kSize - 1 - c>([&](auto m) ASTERISM_INLINED {
+        unroll<0, kSize - 1 - c>([&](auto m) ASTERISM_IN_KERNEL {
           constexpr int i = kSize - 1 - m;
           value = L::fnma(at(h, Index<c>(), Index<i>()), result[i], value);
         });
