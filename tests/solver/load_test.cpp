@@ -403,6 +403,7 @@ TEST(Loads, AreValidated) {
   const Certificate certificate = certify(system, start);
   EXPECT_EQ(certificate.proof, Proof::NotApplicable);
   EXPECT_EQ(std::string_view(certificate.reason), kFloats);
+  EXPECT_EQ(certificate.lower_bound, -std::numeric_limits<double>::infinity());
 }
 
 // One node at the origin has no length but that to which its load pulls it.

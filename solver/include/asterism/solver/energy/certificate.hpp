@@ -86,6 +86,7 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
                                            Certificate& result) {
   if (const int i = first_floating_load(system, scratch_); i >= 0) {
     result.reason = Defect{"node", i, "has a load and is in a connected component that nothing holds"};
+    result.lower_bound = -std::numeric_limits<double>::infinity();  // the energy falls without end
     return;
   }
   const bool floats = hold(system);
