@@ -41,9 +41,9 @@ inline void visit_options(OptionVisitor& visit, NewtonOptions& options) {
   visit("escape_saddles", options.escape_saddles);
 }
 
-/// Newton's method for small constellations: up to some 12 nodes if all are linked, and to 48 if links are near
-/// their rest lengths at the start. For more nodes its cost, cubic in their number, exceeds that of the methods
-/// with cheaper iterations.
+/// Newton's method for small constellations: up to some 12 nodes if all are linked, and to 48 if links are
+/// near their rest lengths at the start. For more nodes its cost, cubic in their number, exceeds that of the
+/// methods with cheaper iterations.
 ///
 /// Each iteration solves with the energy's Hessian, whose springs have curvature k_ij along their axis and
 /// k_ij (1 - mu_ij / r_ij) across it. Up to the first four steps, as long as they promise to lose more than
@@ -62,8 +62,8 @@ inline void visit_options(OptionVisitor& visit, NewtonOptions& options) {
 ///
 /// asterism::solver_compiled takes these steps for four linked nodes in the plane, in double, in vectors of
 /// AVX-512 where the processor has them and no callback, gap or stop flag is set, and fills and factors the
-/// matrix of more nodes in double in the widest vectors that the processor has. With these, results may differ
-/// in their last digits.
+/// matrix of more nodes in double in the widest vectors that the processor has. With these, results may
+/// differ in their last digits.
 ///
 /// An object holds its workspace: reuse it to solve without allocation, one thread at a time.
 template <typename System>
