@@ -102,7 +102,7 @@ void dense_bars(Bars& bars) {
   Others general({"ncg", "liblbfgs", "ceres", "nlopt", "gsl", "eigen", "dlib"});
   for (const int nodes : {2, 4, 6, 9, 12, 16, 25, 36, 64, 100, 200, 400, 1000}) {
     if ((bars.quick() && nodes > 36) || (!bars.large() && nodes > 400)) break;
-    const std::string ours = nodes <= 8 ? "newton" : "lbfgs";  // as Auto for these
+    const std::string ours = nodes <= 12 ? "newton" : "lbfgs";  // as Auto for these
     const auto some = problems(testing::Kind::Lit, nodes, std::clamp(100 / nodes, 2, 5));
     against(bars, format("N=%d LIT ", nodes) + ours, general.nearest(ours, some), 1, 3);
   }
