@@ -591,7 +591,7 @@ class StreamTest(unittest.TestCase):
         before = stream.points
         infinite = seen[:, 1].copy()
         infinite[0, 0, 0] = np.inf
-        for arguments, words in [((seen[:, 1, :1],), "detections: expected shape"), ((infinite,), "infinite in frame 1"), ((seen[:, 1], 5.0), "rising times, found 5.0 in frame 1"), ((seen[:, 1], np.nan), "rising times"), ((seen[:, 1], 6.0, np.full((3, 2), 2.0)), "confidence"), ((seen[:, 1], 6.0, np.ones(6)), "confidence"), ((np.where([True, False], 1.0, np.nan) * seen[:, 1], 6.0), "only one coordinate")]:
+        for arguments, words in [((seen[:, 1, :1],), "detections: expected shape"), ((infinite,), "infinite in frame 1"), ((seen[:, 1], 5.0), "rising times, found 5.0 in frame 1"), ((seen[:, 1], np.nan), "time: expected a finite number, found nan"), ((seen[:, 1], 6.0, np.full((3, 2), 2.0)), "confidence"), ((seen[:, 1], 6.0, np.ones(6)), "confidence"), ((np.where([True, False], 1.0, np.nan) * seen[:, 1], 6.0), "only one coordinate")]:
             with self.subTest(words), self.assertRaisesRegex(ValueError, words):
                 stream.push(*arguments)
         np.testing.assert_array_equal(stream.points, before)

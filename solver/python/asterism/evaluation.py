@@ -95,7 +95,7 @@ def _command(tracker: Callable[[], Any]) -> str:
             raise ValueError(f"evaluate: the class {tracker.__name__} has no function '{function}'")
     name, module = getattr(tracker, "__qualname__", ""), getattr(tracker, "__module__", "")
     if not name.isidentifier():
-        raise ValueError(f"evaluate: {shown(tracker)} has no name at the top level of a module, by which other processes find it")
+        raise ValueError(f"evaluate: {name or shown(tracker)} has no name at the top level of a module, by which other processes find it")
     if module == "__main__":
         main = sys.modules["__main__"]
         module = main.__spec__.name if main.__spec__ is not None else getattr(main, "__file__", "")
