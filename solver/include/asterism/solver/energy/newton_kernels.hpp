@@ -18,7 +18,7 @@ constexpr std::ptrdiff_t aligned_rows(std::ptrdiff_t count) {
 /// Hooke's springs between all pairs of nodes. What has a number for each node is followed by zeros up to
 /// `stride`.
 struct SpringHessian {
-  int nodes;
+  int nodes;                  ///< their number
   int dim;                    ///< 2 or 3
   std::ptrdiff_t stride;      ///< aligned_rows(nodes)
   const double* stiffness;    ///< `stride` numbers for each node, its springs to all nodes; 0 to itself
@@ -39,7 +39,7 @@ ASTERISM_API double differentiate(const SpringHessian& springs);
 
 /// A symmetric matrix and a right-hand side.
 struct NewtonEquations {
-  int size;
+  int size;             ///< of rows and columns
   int dim;              ///< of coordinates: as many rows have one rounding
   std::ptrdiff_t rows;  ///< from one column to the next: a multiple of kAlignedRows, not less than size
   /// The lower triangle counts. In the end, columns of L D, where L D L^T = H + repair.
@@ -57,13 +57,14 @@ struct Pivots {
   double most_negative;  ///< in these units; -1 if there is none
 };
 
+/// Gauss's elimination without pivoting; pivots that are not positive are repaired.
 ASTERISM_API Pivots eliminate(const NewtonEquations& equations);
 
 /// The solution of L D L^T p = g from what `eliminate` leaves.
 struct NewtonStep {
-  int size;
-  std::ptrdiff_t rows;
-  const double* matrix;
+  int size;                      ///< as in NewtonEquations
+  std::ptrdiff_t rows;           ///< as there
+  const double* matrix;          ///< columns of L D
   const double* right;           ///< L^-1 g
   const double* inverse_pivots;  ///< one over D
   double* step;                  ///< `size` numbers
