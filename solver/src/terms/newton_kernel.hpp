@@ -129,8 +129,8 @@ class Elimination {
     const double rounding = this->rounding(k);
     if (pivot > rounding) [[likely]]
       return pivot;
-    if (pivot < pivots_.most_negative * rounding) {
-      pivots_.most_negative = pivot / rounding;
+    if (pivot < most_negative_ * rounding) {
+      most_negative_ = pivot / rounding;
       pivots_.negative = k;
     }
     pivots_.repaired = true;
@@ -244,11 +244,13 @@ class Elimination {
   struct Vectors {};
 
   const NewtonEquations& at_;
-  Pivots pivots_{false, -1, -1};
+  Pivots pivots_{false, -1};
+  double most_negative_ = -1;  // in units of its rounding
 };
 
 Pivots run_with_these_instructions(const NewtonEquations& equations) { return Elimination(equations).run(); }
 
+// The substitution.
 double run_with_these_instructions(const NewtonStep& at) {
   using Index = std::ptrdiff_t;
   const auto column = [&](Index k) { return at.matrix + k * at.rows; };

@@ -52,9 +52,8 @@ struct NewtonEquations {
 
 /// What became of the pivots.
 struct Pivots {
-  bool repaired;         ///< one was negative, which is now its absolute value, or rounding alone
-  int negative;          ///< the most negative one in units of its rounding; -1 if there is none
-  double most_negative;  ///< in these units; -1 if there is none
+  bool repaired;  ///< one was negative, which is now its absolute value, or rounding alone
+  int negative;   ///< the most negative one in units of its rounding; -1 if there is none
 };
 
 /// Gauss's elimination without pivoting; pivots that are not positive are repaired.
