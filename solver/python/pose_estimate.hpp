@@ -299,15 +299,24 @@ int take_explained(Numbers matrix, Numbers& errors) {
   return rank;
 }
 
+/// Factors of the first guess.
+struct Start {
+  double noise = 1, motion = 1;
+};
+constexpr Start kStarts[] = {{1, 1},       {1.0 / 4, 1.0 / 16}, {1.0 / 16, 1.0 / 256}, {1.0 / 64, 1.0 / 4096},
+                             {1.0 / 4, 1}, {1.0 / 16, 1},       {1.0 / 64, 1}};
+
 /// Expectation-maximisation on the frames of a part.
 class Estimator {
  public:
-  explicit Estimator(const Part& part)
+  Estimator(const Part& part, const Start& start)
       : part_(part),
         groups_(part.of.dim, part.frames, part.of.views, part.count(), part.of.cameras, part.of.area),
         middle_(part.middle()),
         scales_(part.first_guess(middle_)),
         coefficients_(change_coefficients(part.of.times + part.begin, part.frames)) {
+    for (double& noise : scales_.noise) noise *= start.noise;
+    for (double& motion : scales_.motion) motion *= start.motion;
     fill();
     const Index views = part.of.views, dim = part.of.dim;
     for (std::size_t g = 0; g < groups_.all.size(); ++g) {
@@ -323,14 +332,16 @@ class Estimator {
   /// Steps end when they change the points and their deviations by less than `settled` of these (root mean
   /// squares), and at the latest after `steps`. The scales themselves are not asked: those of a joint that
   /// moves little change long after they have stopped to matter.
-  Estimate run(double settled, int steps) {
+  void run(double settled, int steps) {
     const double typical = median(middle_.magnification), target = median(scales_.noise);
     const double smallest = 1e-5 * scales_.extent * typical;
     const Index views = part_.of.views;
     double width = std::sqrt(*std::max_element(part_.of.area, part_.of.area + views)) / 4;
     start(width);
+    set_prior(true);
     while (steps > 0) {
       const bool is_wide = width > target;
+      if (!is_wide) set_prior(false);
       set_variance(width);
       for (std::size_t g = 0; g < groups_.all.size(); ++g)
         groups_.kernel.expect(groups_.all[g], false, &sums_[g]);
@@ -345,9 +356,20 @@ class Estimator {
       --steps;
       if (moved < settled * settled && deviations_changed() < settled * settled) break;
     }
-    groups_.observe();
-    return result();
   }
+
+  Estimate result() {
+    groups_.observe();
+    return arrays();
+  }
+  double typical_noise() const { return median(scales_.noise); }
+  /// How many detections are no outliers.
+  double right() {
+    double sum = 0;
+    for_each_sum([&](const Sums& s, Index lane, Index v, Index) { sum += groups_.at(s.count, v, lane); });
+    return sum;
+  }
+  double log_evidence() { return groups_.log_evidence(); }
 
  private:
   using JointGroup = pose_kernels::JointGroup;
@@ -375,8 +397,7 @@ class Estimator {
       for (Index v = 0; v < of.views; ++v) {
         double level = 0, seen = 0;  // of the logarithms of the deviations
         for (Index t = 0; t < part_.frames; ++t) {
-          const Index i = part_.at(v, t, k), to = t * of.views + v;
-          groups_.at(g.prior, to, lane) = of.is_seen[i] ? (1 - kOutliers) * of.belief[i] : 0;
+          const Index i = part_.at(v, t, k);
           if (of.deviation == nullptr || !of.is_seen[i]) continue;
           level += std::log(of.deviation[i]);
           ++seen;
@@ -390,6 +411,24 @@ class Estimator {
         for (Index c = 0; c < of.dim; ++c) groups_.at(g.points, t * of.dim + c, lane) = middle_.point[c];
       }
       *(g.motion + lane) = scales_.motion[static_cast<std::size_t>(k)];
+    });
+  }
+
+  /// The probability beforehand that a detection is no outlier. While distributions are wide, it is relative
+  /// to the greatest of the joint: nothing but outliers would lead to no path at all.
+  void set_prior(bool is_wide) {
+    const Recording& of = part_.of;
+    groups_.for_each_joint([&](JointGroup& g, Index lane, Index k) {
+      double greatest = 0;
+      const auto for_each_detection = [&](auto&& f) {
+        for (Index t = 0; t < part_.frames; ++t) {
+          for (Index v = 0; v < of.views; ++v)
+            if (const Index i = part_.at(v, t, k); of.is_seen[i]) f(i, t * of.views + v);
+        }
+      };
+      for_each_detection([&](Index i, Index) { greatest = std::max(greatest, of.belief[i]); });
+      const double scale = (1 - kOutliers) / (is_wide && greatest > 0 ? greatest : 1);
+      for_each_detection([&](Index i, Index to) { groups_.at(g.prior, to, lane) = scale * of.belief[i]; });
     });
   }
 
@@ -438,12 +477,14 @@ class Estimator {
     });
   }
 
-  /// A calibration and a detector have errors that no average over frames removes. The offsets are the part
-  /// of the mean errors that no place of the joint explains; what neighbouring frames have in common is the
-  /// variance of errors that last, for the degrees of freedom that the joint's place leaves.
+  /// A calibration and a detector have errors that no average over frames removes. What neighbouring frames
+  /// have in common is the variance of errors that last, for the degrees of freedom that the joint's place
+  /// leaves. The offsets are the part of the mean errors that no place of the joint explains, as far as it is
+  /// not the mean of noise: of one frame, all of it may be.
   void update_offsets() {
     const Index views = part_.of.views, dim = part_.of.dim;
     double freedom = 0, shared = 0, offsets = 0;
+    std::vector<Numbers> means;
     for (Index k = 0; k < part_.count(); ++k) {
       const auto group = static_cast<std::size_t>(k / groups_.kernel.lanes);
       const Sums& s = sums_[group];
@@ -460,11 +501,20 @@ class Estimator {
         shared += groups_.at(s.shared, v, lane) / std::max(groups_.at(s.neighbours, v, lane), 1e-9);
       }
       freedom -= dim == 2 ? take_explained<2>(slope, mean) : take_explained<3>(slope, mean);
+      means.push_back(std::move(mean));
+    }
+    const double lasting = freedom > 0.5 ? std::max(shared / freedom, 0.0) : 0;
+    for (Index k = 0; k < part_.count(); ++k) {
+      const auto group = static_cast<std::size_t>(k / groups_.kernel.lanes);
+      const Index lane = k % groups_.kernel.lanes;
       for (Index i = 0; i < 2 * views; ++i) {
-        const double offset = -mean[static_cast<std::size_t>(i)];
+        const double noise = scales_.noise[at(i / 2, k)], count = groups_.at(sums_[group].count, i / 2, lane);
+        const double share = count > 0 ? lasting / (lasting + noise * noise / count) : 0;
+        const double mean = means[static_cast<std::size_t>(k)][static_cast<std::size_t>(i)],
+                     offset = -share * mean;
         groups_.at(groups_.all[group].offset, i, lane) = offset;
         scales_.offset[at(i / 2, k) * 2 + static_cast<std::size_t>(i % 2)] = offset;
-        offsets += offset * offset;
+        offsets += mean * mean;
       }
     }
     scales_.disagreement = freedom > 0.5 ? std::sqrt(std::max(shared, offsets) / freedom) : 0;
@@ -497,7 +547,7 @@ class Estimator {
     return sum / static_cast<double>(part_.frames * part_.count());
   }
 
-  Estimate result() {
+  Estimate arrays() {
     const Index views = part_.of.views, frames = part_.frames, count = part_.count(), dim = part_.of.dim;
     Estimate found{part_.joints, scales_, {}, {}, {}, {}, {}, {}};
     const auto size = [](Index n) { return static_cast<std::size_t>(n); };
@@ -537,12 +587,57 @@ class Estimator {
   std::vector<Sums> sums_;
 };
 
+/// Where many detections are wrong, the first guess is too large, and the steps end at a large noise that
+/// explains outliers, too. Of several starts, the best is that of the greatest evidence on a stretch of the
+/// part. Another one than the first has to find a tenth fewer right detections with noise of less than half,
+/// and more evidence than two for each scale, as few frames have by chance.
+inline Start best_start(const Part& part, double settled) {
+  constexpr Index kStretch = 60;
+  constexpr int kSteps = 8;
+  const Index begin = part.begin + std::max<Index>(part.frames - kStretch, 0) / 2;
+  const Part stretch(part.of, begin, std::min(part.begin + part.frames, begin + kStretch));
+  if (stretch.joints.empty()) return {};
+  Start best;
+  double evidence = -std::numeric_limits<double>::infinity(), noise = -evidence,
+         right = -evidence;  // at most
+  for (const Start& start : kStarts) {
+    try {
+      Estimator estimator(stretch, start);
+      estimator.run(settled, kSteps);
+      const double found = estimator.log_evidence();
+      if (&start == kStarts) {
+        evidence = found + 2 * static_cast<double>((part.of.views + 1) * stretch.count());
+        noise = estimator.typical_noise() / 2;
+        right = 0.9 * estimator.right();
+      } else if (found > evidence && estimator.typical_noise() < noise && estimator.right() < right) {
+        evidence = found;
+        best = start;
+      }
+    } catch (const std::invalid_argument&) {  // this start leads nowhere
+    }
+  }
+  return best;
+}
+
+inline Estimate estimated(const Part& part, const Start& start, double settled, int steps) {
+  Estimator estimator(part, start);
+  estimator.run(settled, steps);
+  return estimator.result();
+}
+
 /// Of the frames begin .. end - 1; nothing if no joint is seen in them.
 inline std::optional<Estimate> estimated(const Recording& recording, Index begin, Index end, double settled,
                                          int steps) {
   const Part part(recording, begin, end);
   if (part.joints.empty()) return std::nullopt;
-  return Estimator(part).run(settled, steps);
+  const Start start = best_start(part, settled);
+  if (start.noise < 1) {
+    try {
+      return estimated(part, start, settled, steps);
+    } catch (const std::invalid_argument&) {  // it was good on the stretch alone
+    }
+  }
+  return estimated(part, {}, settled, steps);
 }
 
 }  // namespace asterism::python::pose

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdlib>
+#include <limits>
 #include <memory>
 #include <new>
 #include <stdexcept>
@@ -193,6 +194,19 @@ class Groups {
       first += kernel.lanes;
     }
     return sum / static_cast<double>(all.front().frames * joints_);
+  }
+
+  /// The sum over the joints of Kernels::log_evidence; minus infinity if one fails.
+  double log_evidence() {
+    double sum = 0;
+    Lane found, failed;
+    for (Index first = 0; pose_kernels::JointGroup & g : all) {
+      kernel.log_evidence(g, found.of, failed.of);
+      for (int lane = 0; lane < kernel.lanes && first + lane < joints_; ++lane)
+        sum += failed.of[lane] == 0 ? found.of[lane] : -std::numeric_limits<double>::infinity();
+      first += kernel.lanes;
+    }
+    return sum;
   }
 
   /// The covariance by the observed information, that of the curvatures. With the weights, how far off each

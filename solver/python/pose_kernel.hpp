@@ -75,6 +75,9 @@ struct Kernels {
   void (*posterior)(const JointGroup&, bool along_ray, double* moved, double* failed);
   /// Adds to the covariance that of errors with these deviations (frames, views), alike in all frames.
   void (*add_lasting)(const JointGroup&, const double* deviation, double* failed);
+  /// The logarithm of the evidence at the points by Laplace's approximation, up to a constant, to `sum` (a
+  /// lane each). It takes the factors' place.
+  void (*log_evidence)(const JointGroup&, double* sum, double* failed);
   /// The variance [px^2], in each coordinate, of what each view will see in a frame (views).
   void (*predict)(const JointGroup&, std::ptrdiff_t frame, double* variance);
 };

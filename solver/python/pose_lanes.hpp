@@ -103,10 +103,11 @@ struct Kernel {
         const Lanes doubt = g.doubt == nullptr ? Lanes{} + 1.0 : lanes(g.doubt)[i];
         const Lanes variance = variances[v] * doubt + width;
         const Lanes base = 1.0 + square / (kDetection * variance);  // to the power of 1 + kDetection / 2
-        Lanes expected = variance, surprise = base;
+        const double most = 1 / (kTwoPi * g.rarity[v]);             // it is in the image
+        Lanes expected = less(variance, most), surprise = base;
         if constexpr (Dim == 2) {  // what the others predict, with the uncertainty that the motion leaves
           const Lanes others = greater(1.0 - lanes(g.weight)[i] * s[0], Lanes{} + 1e-3);
-          expected = less(variance + s[0] / others, 1 / (kTwoPi * g.rarity[v]));  // it is in the image
+          expected = less(variance + s[0] / others, most);
           surprise = 1.0 + greater(square - 2.0 * s[0], Lanes{}) / (others * others * kDetection * expected);
         }
         const Lanes prior = lanes(g.prior)[i];
@@ -251,6 +252,51 @@ struct Kernel {
     }
   }
 
+  static void log_evidence(const JointGroup& g, double* sum, double* failed) {
+    set_stiffness(g);
+    evidence(g, false);
+    Lanes total{};
+    const Lanes one = Lanes{} + 1.0;
+    const auto multiply = [&](Lanes factor, double power) {
+      for (int lane = 0; lane < ASTERISM_POSE_LANES; ++lane)
+        total[lane] += power * __builtin_log(factor[lane]);
+    };
+    Chain chain{g.frames, 1, g.coefficients, lanes(g.inverse), lanes(g.next), lanes(g.second)};
+    Lanes wrong{};
+    chain.factorize(lanes(g.information), lanes(g.stiffness), nullptr, [&](Lanes pivot) {
+      wrong += ((pivot > 0.0) & (pivot < 1e300)) ? Lanes{} : Lanes{} + 1.0;
+      multiply(greater(pivot, one * 1e-300), -0.5);
+    });
+    *lanes(failed) = wrong;
+    const Lanes *x = lanes(g.points), *offset = lanes(g.offset), motion = *lanes(g.motion);
+    for (std::ptrdiff_t t = 0; t < g.frames; ++t) {
+      for (std::ptrdiff_t v = 0; v < g.views; ++v) {
+        const std::ptrdiff_t i = t * g.views + v;
+        const Residual<Dim> residual(g, t, v, x + t * Dim, false);
+        Lanes square{};
+        for (int r = 0; r < 2; ++r) {
+          const Lanes error = residual.error[r] + offset[v * 2 + r];
+          square += error * error;
+        }
+        const Lanes doubt = g.doubt == nullptr ? one : lanes(g.doubt)[i];
+        const Lanes variance = lanes(g.variance)[v] * doubt, base = 1.0 + square / (kDetection * variance);
+        const Lanes prior = lanes(g.prior)[i];
+        multiply(prior / (kTwoPi * variance * base * base * base) + (1.0 - prior) * g.rarity[v], 1);
+      }
+    }
+    for (std::ptrdiff_t t = 0; t < g.frames - 2; ++t) {
+      const double* a = g.coefficients + t * 3;
+      Lanes square{};
+      for (int c = 0; c < Dim; ++c) {
+        const Lanes d = a[0] * x[t * Dim + c] + a[1] * x[(t + 1) * Dim + c] + a[2] * x[(t + 2) * Dim + c];
+        square += d * d;
+      }
+      multiply(1.0 + square / (kMotion * motion), -(kMotion + Dim) / 2.0);
+      multiply(motion, -Dim / 2.0);
+    }
+    *lanes(sum) = total;
+  }
+
   static void predict(const JointGroup& g, std::ptrdiff_t frame, double* variance) {
     for (std::ptrdiff_t v = 0; v < g.views; ++v) {
       const Residual<Dim> residual(g, frame, v, lanes(g.points) + frame * Dim, false);
@@ -290,8 +336,8 @@ struct Kernel {
 template <int Dim>
 constexpr Kernels kernels_of() {
   using K = Kernel<Dim>;
-  return {ASTERISM_POSE_LANES, K::expect,    K::settle,      K::reweigh,
-          K::evidence,         K::posterior, K::add_lasting, K::predict};
+  return {ASTERISM_POSE_LANES, K::expect,      K::settle,       K::reweigh, K::evidence,
+          K::posterior,        K::add_lasting, K::log_evidence, K::predict};
 }
 
 }  // namespace

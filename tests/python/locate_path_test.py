@@ -62,6 +62,39 @@ class Energy:
 
 
 class LocatePathTest(unittest.TestCase):
+    def test_a_mirror_image_that_only_the_end_tells_apart(self):
+        # Beacons on a line fit a straight way on both of its sides; a turn at its end does not.
+        turn = np.where(np.arange(260) == 200, np.pi / 2, 0)
+        heading = np.concatenate([[0], np.cumsum(turn)[:-1]])
+        truth = np.concatenate([[[0, 8]], [0, 8] + np.cumsum(0.5 * np.stack([np.cos(heading), np.sin(heading)], 1), 0)])
+        beacons = np.array([[20, 0], [60, 0], [90, 0.0]])
+        for seed in range(8):
+            rng = np.random.default_rng(seed)
+            steps = np.stack([0.5 + 0.005 * rng.normal(size=260), np.zeros(260), turn + 0.002 * rng.normal(size=260)], 1)
+            beacon = rng.integers(0, 3, 261)
+            ranges = np.linalg.norm(truth - beacons[beacon], axis=1) + 0.1 * rng.normal(size=261)
+            found = asterism.locate_path(steps, beacons, np.arange(261), beacon, ranges, 0.1, lower_bound=False)
+            self.assertLess(np.sqrt(np.mean(np.sum((found.x - truth) ** 2, axis=1))), 0.2, seed)
+
+    def test_unknown_beacons_are_on_the_right_side(self):
+        # Rows of a mower, which are long and near each other: while the first ones are driven, a beacon may be on both sides.
+        for seed in range(6):
+            rng = np.random.default_rng(seed)
+            turn = np.zeros(640)
+            for row in range(80, 640, 80):
+                turn[row : row + 2] = np.pi / 2 * (1 if row // 80 % 2 else -1)
+            heading = np.concatenate([[0], np.cumsum(turn)[:-1]])
+            truth = np.concatenate([[[0, 0]], np.cumsum(0.25 * np.stack([np.cos(heading), np.sin(heading)], 1), 0)])
+            beacons = np.array([[4, 9], [15, -7], [-6, 5], [24, 3.0]])
+            steps = np.stack([0.25 * (1 + 0.02 * rng.normal(size=640)), np.zeros(640), turn + 0.01 * rng.normal(size=640)], 1)
+            beacon = rng.integers(0, 4, 641)
+            ranges = np.linalg.norm(truth - beacons[beacon], axis=1) + 0.3 * rng.normal(size=641)
+            known, found = (
+                asterism.locate_path(steps, places, np.arange(641), beacon, np.abs(ranges), 0.3, lower_bound=False)
+                for places in (beacons, np.full((4, 2), NAN))
+            )
+            self.assertLess(found.energy, 1.2 * known.energy, seed)  # their least energy is not greater
+
     def test_minimum_covariance_and_evidence(self):
         for seed, cutoff in ((1, None), (2, 2.0)):
             _, steps, pose, beacon, ranges = drive(seed, 16, outliers=0.15 if cutoff else 0, ranges_a_pose=3)

@@ -388,12 +388,15 @@ class FuseTest(unittest.TestCase):
                 rows[view] = np.einsum("tjab,tjbd->tjad", slope, flat) / at[..., 2, None, None]
             is_seen = np.isfinite(error[..., 0])
             error[~is_seen], rows[~is_seen] = 0, 0
-            # Offsets: what no place of the joint explains of the mean errors.
+            # Offsets: what no place of the joint explains of the mean errors, and noise does not, either.
             share = probability / probability.sum(1, keepdims=True)
+            both = probability[:, 1:] * probability[:, :-1]
+            lasting = max(0, ((both * (error[:, 1:] * error[:, :-1]).sum(-1)).sum(1) / both.sum(1)).sum() / (3 * (6 - dim)))
+            kept = lasting / (lasting + noise**2 / probability.sum(1))
             for joint in range(3):
                 slope = np.einsum("vt,vtkd->vkd", share[..., joint], rows[:, :, joint]).reshape(6, dim)
                 mean = np.einsum("vt,vtk->vk", share[..., joint], error[:, :, joint]).ravel()
-                np.testing.assert_allclose(offset[:, joint].ravel(), slope @ np.linalg.pinv(slope) @ mean - mean, atol=1e-6)
+                np.testing.assert_allclose(offset[:, joint].ravel(), np.repeat(kept[:, joint], 2) * (slope @ np.linalg.pinv(slope) @ mean - mean), atol=1e-6)
             error += offset[:, None]
             # The chains of these weights, and of the curvatures.
             step = np.diff(known.times)
@@ -914,6 +917,43 @@ class PageTest(unittest.TestCase):
             np.testing.assert_array_equal(pose.read_detections("points.csv").points, session["found"].points)
             self.assertLess(np.median(np.linalg.norm(session["found"].points - truth, axis=-1)), 0.0125)
             os.chdir(here)
+
+
+class ManyOutliersTest(unittest.TestCase):
+    def test_as_many_as_a_vote_of_the_views_bears(self):
+        for seed in range(3):
+            truth, seen, _, cameras = recording(seed, views=5, frames=20, joints=6, outliers=0.4, missing=0)
+            least = np.median(np.linalg.norm(pose.fuse(recording(seed, views=5, frames=20, joints=6, outliers=0, missing=0)[1], None, cameras).points - truth, axis=-1))
+            found = pose.fuse(seen, None, cameras)
+            self.assertLess(np.median(np.linalg.norm(found.points - truth, axis=-1)), 3 * least, seed)
+            self.assertLess(np.median(found.noise), 3, seed)
+
+    def test_in_an_image_of_three_detectors(self):
+        rng = np.random.default_rng(4)
+        truth = 500 + np.cumsum(rng.normal(0, 2, (50, 1, 2)), 0) + rng.normal(0, 100, (1, 6, 2))
+        seen = truth + rng.normal(0, 1, (3, 50, 6, 2))
+        is_wrong = rng.random(seen.shape[:3]) < 0.4
+        seen[is_wrong] = rng.uniform(0, 1000, (is_wrong.sum(), 2))
+        self.assertLess(np.median(np.linalg.norm(pose.fuse(seen).points - truth, axis=-1)), 1.5)
+
+    def test_of_one_frame(self):
+        # Offsets of the views would explain every error of one frame.
+        for joints in (1, 6):
+            truth, seen, _, cameras = recording(5, views=5, frames=1, joints=joints, outliers=0, missing=0)
+            seen[0, :, 0] += 300
+            if joints > 1:
+                seen[3, :, 2] -= 200
+            for these in (cameras, [pose.Camera(c.matrix, c.rotation, c.translation, c.distortions) for c in cameras]):
+                found = pose.fuse(seen, None, these)
+                self.assertLess(np.linalg.norm(found.points - truth, axis=-1).max(), 0.1)
+                self.assertTrue(found.outliers[0, 0, 0])
+                np.testing.assert_array_equal(found.offsets, 0)
+
+    def test_the_same_confidence_for_all_says_nothing(self):
+        _, seen, _, cameras = recording(6, views=4, frames=20, outliers=0.1)
+        expected = pose.fuse(seen, None, cameras).points
+        for confidence in (0, 1e-3, 0.5, 1):
+            np.testing.assert_array_equal(pose.fuse(seen, np.full(seen.shape[:3], confidence), cameras).points, expected)
 
 
 class RecordingsTest(unittest.TestCase):

@@ -55,10 +55,10 @@ def fuse(
 ) -> FusedPose:
     """The paths of J joints over T frames that explain what V views detected, with covariance and outliers; nothing has to be tuned.
 
-    detections: (V, T, J, 2) [px], or (T, J, 2) for one view; NaN, or a mask, where a joint was not seen. confidence: (V, T, J), or (T,
-    J), in [0, 1]: the probability that the detection is not an outlier; 1 if left out. cameras: one for each view, for points in space;
-    without them the views are several detectors' results for one image. skeleton: pairs of joints. times: (T,), rising; frame numbers
-    if left out. pairs: joints that the detector may have taken for each other, left and right, which exchange_back puts right beforehand.
+    detections: (V, T, J, 2) [px], or (T, J, 2) for one view; NaN, or a mask, where a joint was not seen. confidence: (V, T, J), or (T, J), in [0, 1]:
+    the probability that the detection is not an outlier, relative to the greatest one; 1 if left out. cameras: one for each view, for points in
+    space; without them the views are several detectors' results for one image. skeleton: pairs of joints. times: (T,), rising; frame numbers if left
+    out. pairs: joints that the detector may have taken for each other, left and right, which exchange_back puts right beforehand.
     deviation: (V, T, J), or (T, J) for one view: the standard deviation of each detection in each coordinate [px], such as network_deviation
     estimates it from several networks. It covers errors that last over frames, and decides how much each detection counts.
 
@@ -133,6 +133,8 @@ def _checked(
         if not ((belief >= 0) & (belief <= 1)).all():
             v, t, j = np.argwhere(~((belief >= 0) & (belief <= 1)))[0]
             raise ValueError(f"confidence: expected 0 to 1, found {belief[v, t, j]} in view {v}, frame {t}, joint {j}")
+        greatest = belief[~is_missing[..., 0]].max(initial=0)
+        belief = belief / greatest if greatest > 0 else np.ones_like(belief)  # the same for all says nothing
     when = np.arange(frames, dtype=float) if times is None else inputs.array(times, "times", (frames,))
     if not np.isfinite(when).all():
         raise ValueError("times: expected finite numbers")
@@ -206,8 +208,8 @@ def _calibration(cameras: list[Camera], pixels: _Floats) -> tuple[_Floats, _Floa
     area = np.ones(len(cameras))
     for view, camera in enumerate(cameras):
         seen = pixels[view][~np.isnan(pixels[view, ..., 0])]
-        if camera.size is None:
-            area[view] = _area(seen)
+        if camera.size is None:  # its middle is about where the axis meets it
+            area[view] = max(_area(seen), float(4 * np.prod(np.maximum(camera.matrix[:2, 2], 0))))
             continue
         area[view] = np.prod(camera.size)
         is_outside = ((seen < -0.05 * camera.size) | (seen > 1.05 * camera.size)).any(-1)

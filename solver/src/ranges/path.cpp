@@ -1,7 +1,9 @@
 #include <algorithm>
+#include <array>
 #include <asterism/solver/ranges/locate.hpp>
 #include <asterism/solver/ranges/path.hpp>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 #include <numeric>
 #include <utility>
@@ -54,7 +56,7 @@ class PathSolver {
     if (!(read() && join())) return std::move(result_);
     attach();
     if (!determined()) return std::move(result_);
-    grow();
+    search();
     if (!descent_.stopped()) finish();
     if (descent_.stopped()) {
       result_ = PathEstimate{};
@@ -228,18 +230,21 @@ class PathSolver {
     }
   }
 
-  /// The first two nodes: where the user says, or where the ranges of the first stage fit best.
-  void begin(std::size_t stage) {
-    set_start();
+  /// The first two nodes of a path.
+  using Start = std::array<Point, 2>;
+
+  /// Where the user says the path begins, or where the ranges of the first stage fit: places that differ, the
+  /// best first. Of a short stretch, or one that is nearly straight, they may fit its mirror image as well.
+  std::vector<Start> starts(std::size_t stage) const {
     const Complex place = terms_.start, first = terms_.first_step;
-    chain_.x = {PathChain<2>::of(place), PathChain<2>::of(place + first)};
-    if (has_start() || anchors_ == 0) return;
+    const std::vector<Start> given{{PathChain<2>::of(place), PathChain<2>::of(place + first)}};
+    if (has_start() || anchors_ == 0) return given;
     // With a given heading, ranges to beacons from a rigid path are ranges to beacons that are shifted.
     std::vector<const PathRange*> used;
     for (const PathRange& range : terms_.ranges)
       if (at(range.node) + 1 < stage && is_known(beacon_of(range))) used.push_back(&range);
     thin(used, 60);
-    const int headings = anchors_ == 1 ? 1 : 32;
+    const int headings = anchors_ == 1 ? 1 : kHeadings;
     std::vector<double> beacons(2 * used.size()), lengths, sigma;
     for (const PathRange* range : used) {
       lengths.push_back(range->length);
@@ -247,10 +252,15 @@ class PathSolver {
     }
     LocateOptions options;
     options.max_cells = 2000;
-    double best = kInfinity;
-    std::vector<Point> start = chain_.x;
+    options.within = 30;
+    struct Candidate {
+      double energy;
+      int heading;
+      Complex place;
+    };
+    std::vector<Candidate> candidates;
     for (int h = 0; h < headings; ++h) {
-      const Complex turn = std::polar(1.0, 2 * std::numbers::pi * h / headings);
+      const Complex turn = turned(h);
       for (std::size_t i = 0; i < used.size(); ++i) {
         const Complex shifted = used[i]->place - turn * place_on(*used[i]);
         beacons[2 * i] = shifted.real();
@@ -264,14 +274,30 @@ class PathSolver {
           const double e = std::abs(to - Complex(beacons[2 * i], beacons[2 * i + 1])) - lengths[i];
           energy += ranges::range_energy(e, 1 / (sigma[i] * sigma[i]), options_.cutoff * options_.cutoff);
         }
-        if (energy < best) {
-          best = energy;
-          start = {PathChain<2>::of(to), PathChain<2>::of(to + turn * first)};
-        }
+        candidates.push_back({energy, h, to});
       }
     }
-    chain_.x = start;
+    // The least along the headings; a place moves by so much from one to the next.
+    const double way = candidates.empty() ? 0 : 0.2 * *std::max_element(lengths.begin(), lengths.end());
+    std::vector<Candidate> kept;
+    std::copy_if(candidates.begin(), candidates.end(), std::back_inserter(kept), [&](const Candidate& one) {
+      return std::none_of(candidates.begin(), candidates.end(), [&](const Candidate& other) {
+        const int apart = std::abs(one.heading - other.heading);
+        return other.energy < one.energy && std::min(apart, headings - apart) == 1 &&
+               std::abs(one.place - other.place) < way;
+      });
+    });
+    std::sort(kept.begin(), kept.end(),
+              [](const Candidate& a, const Candidate& b) { return a.energy < b.energy; });
+    if (kept.size() > kMostStarts) kept.resize(kMostStarts);
+    if (kept.empty()) return given;
+    std::vector<Start> result;
+    for (const Candidate& one : kept)
+      result.push_back(
+          {PathChain<2>::of(one.place), PathChain<2>::of(one.place + turned(one.heading) * first)});
+    return result;
   }
+  static Complex turned(int heading) { return std::polar(1.0, 2 * std::numbers::pi * heading / kHeadings); }
   /// By dead reckoning from the origin.
   Complex place_on(const PathRange& range) const {
     const auto o = at(range.node);
@@ -284,33 +310,45 @@ class PathSolver {
     list.resize(most);
   }
 
+  /// The ranges to a beacon from the path as it is.
+  std::vector<std::size_t> ranges_to(std::size_t j) const {
+    std::vector<std::size_t> used;
+    for (std::size_t i = 0, count = chain_.range_count(); i < count; ++i)
+      if (beacon_of(terms_.ranges[i]) == j) used.push_back(i);
+    return used;
+  }
+  /// Where they say that it is, with minima up to so much above the least energy.
+  PositionFix<2> place_of(std::size_t j, double within) const {
+    std::vector<std::size_t> used = ranges_to(j);
+    thin(used, 60);
+    std::vector<double> places, lengths, sigma;
+    for (const std::size_t i : used) {
+      const PathRange& range = terms_.ranges[i];
+      Point p = chain_.difference(range);
+      p += range.beacon < 0 ? PathChain<2>::of(range.place) : chain_.beacons[at(range.beacon)];
+      places.insert(places.end(), {p[0], p[1]});
+      lengths.push_back(range.length);
+      sigma.push_back(std::max(given_.sigma[at(range.index)], 0.02 * range.length));
+    }
+    LocateOptions options;
+    options.max_cells = 2000;
+    options.within = within;
+    return locate<2>(places, lengths, sigma, options);
+  }
+
   /// Gives places to beacons that have none, from the path as it is.
   void place_beacons(bool is_last) {
-    const std::size_t count = chain_.range_count();
     for (std::size_t j = 0; j < beacons_; ++j) {
       if (is_known(j) || unknown_[j] >= 0) continue;
-      std::vector<std::size_t> used;
-      for (std::size_t i = 0; i < count; ++i)
-        if (beacon_of(terms_.ranges[i]) == j) used.push_back(i);
+      const std::vector<std::size_t> used = ranges_to(j);
       if (used.size() < (is_last ? 2 : 8)) continue;
-      thin(used, 60);
-      std::vector<double> places, lengths, sigma;
-      for (const std::size_t i : used) {
-        const PathRange& range = terms_.ranges[i];
-        const Complex p = complex_of(chain_.difference(range));  // from a beacon at the origin
-        places.insert(places.end(), {p.real(), p.imag()});
-        lengths.push_back(range.length);
-        sigma.push_back(std::max(given_.sigma[at(range.index)], 0.02 * range.length));
-      }
-      LocateOptions options;
-      options.max_cells = 2000;
-      const PositionFix<2> fix = locate<2>(places, lengths, sigma, options);
+      const PositionFix<2> fix = place_of(j, 5);
       if (!is_last && (fix.count == 0 || (fix.count > 1 && fix.minima[1].weight > 0.02))) continue;
       Point place = chain_.x[at(terms_.ranges[used[0]].node)];
       if (fix.count > 0)
         place << fix.minima[0].x[0], fix.minima[0].x[1];
       else
-        place[0] += lengths[0];
+        place[0] += terms_.ranges[used[0]].length;
       unknown_[j] = static_cast<int>(chain_.beacons.size());
       chain_.beacons.push_back(place);
       for (PathRange& range : terms_.ranges) {
@@ -329,27 +367,130 @@ class PathSolver {
     }
   }
 
-  /// The path from its beginning, twice as long in each stage.
-  void grow() {
+  /// A path as far as it was found.
+  struct Path {
+    std::vector<Point> x, beacons;
+    std::vector<int> unknown;
+    std::vector<PathRange> ranges;
+    double turn_sigma = 0, evidence = -kInfinity;
+    bool converged = false;
+  };
+  Path path() const {
+    return {chain_.x, chain_.beacons, unknown_, terms_.ranges, terms_.turn_sigma, -kInfinity, converged_};
+  }
+  void set_path(const Path& path) {
+    chain_.x = path.x;
+    chain_.beacons = path.beacons;
+    unknown_ = path.unknown;
+    terms_.ranges = path.ranges;
+    terms_.turn_sigma = path.turn_sigma;
+    converged_ = path.converged;
+  }
+
+  /// The path of the greatest evidence, of those from several starts.
+  void search() {
     const std::size_t nodes = nodes_.size();
     bound_ = options_.cutoff * options_.cutoff;
     if (options_.turn_sigma > 0) terms_.turn_sigma = options_.turn_sigma;
     terms_.step_sigma = options_.step_sigma;
+    set_start();
     // As long as it takes to hear something.
     std::size_t stage = std::min<std::size_t>(nodes, 128);
     if (terms_.ranges.size() > 24) stage = std::max(stage, at(terms_.ranges[24].node) + 2);
     stage = std::min(stage, nodes);
-    begin(stage);
-    for (;;) {
+    const std::vector<Start> starts = this->starts(stage);
+    Path fresh = path(), best;
+    std::vector<double> least;  // energy of each stage
+    for (const Start& start : starts) {
+      fresh.x.assign(start.begin(), start.end());
+      set_path(fresh);
+      const bool is_whole = grow(stage, least);
+      if (descent_.stopped()) return;
+      if (starts.size() == 1) return;
+      if (!is_whole) continue;
+      Path found = path();
+      if (factorize()) found.evidence = evidence();
+      if (best.x.empty() || found.evidence > best.evidence) best = std::move(found);
+    }
+    set_path(best);
+  }
+
+  /// The path from its beginning, twice as long in each stage. Returns false if it ends after one that has
+  /// far more energy than the least.
+  bool grow(std::size_t stage, std::vector<double>& least) {
+    const std::size_t nodes = nodes_.size();
+    for (std::size_t number = 0;; ++number) {
       const bool is_last = stage == nodes;
       extend(stage);
       place_beacons(is_last);
       descent_.graduate(chain_, terms_, bound_);
       converged_ = descent_.run(chain_, bound_, options_.max_iterations);
+      const double energy = chain_.energy(bound_);
+      if (number == least.size()) {
+        least.push_back(energy);
+      } else if (std::abs(energy - least[number]) < 1e-9 * (1 + energy) ||
+                 (!is_last && energy > least[number] + 30)) {
+        return false;
+      }
+      least[number] = std::min(least[number], energy);
+      if (is_last || stage <= kEarly) move_beacons(stage <= kEarly);
       estimate_turn_sigma(is_last ? 40 : 3);
-      if (is_last || descent_.stopped()) return;
+      if (is_last || descent_.stopped()) return true;
       stage = std::min(nodes, 2 * stage);
     }
+  }
+
+  /// Unknown beacons go to other places if the whole path has less energy then: each to those that its ranges
+  /// allow and, as long as the path is short, each and all to the other side of it, since its first stretch
+  /// may be straight.
+  void move_beacons(bool to_other_side) {
+    if (chain_.beacons.empty()) return;
+    std::vector<Point> places = chain_.beacons;
+    for (Point& place : places) place = beyond_path(place);
+    if (to_other_side) move_beacons_to(places);
+    for (std::size_t j = 0; j < beacons_; ++j) {
+      if (unknown_[j] < 0) continue;
+      const auto place = at(unknown_[j]);
+      const PositionFix<2> fix = place_of(j, 30);
+      for (int m = 0; m < std::min(fix.count, 3); ++m) {
+        const auto& minimum = fix.minima[at(m)];
+        places = chain_.beacons;
+        const Point to(minimum.x[0], minimum.x[1]);
+        if ((to - places[place]).squaredNorm() < 16 * (minimum.covariance[0] + minimum.covariance[3]))
+          continue;
+        places[place] = to;
+        move_beacons_to(places);
+      }
+      if (!to_other_side) continue;
+      places = chain_.beacons;
+      places[place] = beyond_path(places[place]);
+      move_beacons_to(places);
+    }
+  }
+  void move_beacons_to(const std::vector<Point>& places) {
+    if (descent_.stopped()) return;
+    const Path before = path();
+    const double energy = chain_.energy(bound_);
+    chain_.beacons = places;
+    descent_.graduate(chain_, terms_, bound_);
+    converged_ = descent_.run(chain_, bound_, options_.max_iterations);
+    if (!(chain_.energy(bound_) < energy - 1e-6 * (1 + energy))) set_path(before);
+  }
+  /// The mirror image of a point, about the line along which the path is longest.
+  Point beyond_path(const Point& point) const {
+    Point middle = Point::Zero();
+    for (const Point& p : chain_.x) middle += p / static_cast<double>(chain_.nodes());
+    Complex twice = 0;  // the angle of the line
+    for (const Point& p : chain_.x) twice += std::pow(complex_of(p - middle), 2);
+    const double size = std::abs(twice);
+    const Complex turn = size > 0 ? twice / size : 1.0, to = turn * std::conj(complex_of(point - middle));
+    return middle + PathChain<2>::of(to);
+  }
+
+  double evidence() const {
+    const auto n = static_cast<double>(nodes_.size());
+    return -chain_.energy(bound_) - 0.5 * chain_.log_determinant() -
+           2 * (n - 2) * std::log(terms_.turn_sigma);
   }
 
   /// MacKay's update (Neural Computation 4(3), 1992): the variance of residuals is the sum of their squares
@@ -405,9 +546,7 @@ class PathSolver {
           "the measurements do not determine the path, or have numbers that are too large or too small";
       return;
     }
-    const auto n = static_cast<double>(nodes_.size());
-    result_.evidence =
-        -result_.energy - 0.5 * chain_.log_determinant() - 2 * (n - 2) * std::log(terms_.turn_sigma);
+    result_.evidence = evidence();
     if (options_.covariance) chain_.invert(inverse_);
     write_path();
     write_beacons();
@@ -475,7 +614,10 @@ class PathSolver {
   }
 
   static constexpr double kLargest = 1e60;
-  static constexpr double kLeastSigma = 1e-4;  ///< that is estimated: better than any odometry
+  static constexpr int kHeadings = 32;           ///< that the search tries
+  static constexpr std::size_t kEarly = 1000;    ///< positions of a path that is short
+  static constexpr std::size_t kMostStarts = 4;  ///< that are continued
+  static constexpr double kLeastSigma = 1e-4;    ///< that is estimated: better than any odometry
 
   const PathMeasurements& given_;
   const PathOptions& options_;

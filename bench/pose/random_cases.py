@@ -1,0 +1,221 @@
+#!/usr/bin/env python3
+"""asterism.pose.fuse beside simple methods on random recordings of a known truth, of every size and kind.
+
+random_cases.py [--seeds A B] [--show]: one line a case in which fuse is clearly worse than the best of the simple methods, raises, gives NaN, or
+takes long; then a table of the kinds of motion: errors beside those of the best simple method, and how often the 95 % regions contain the truth.
+"""
+
+import argparse
+import time
+import warnings
+
+import asterism.pose as pose
+import numpy as np
+import peers
+from compare import contained
+
+
+def walk(rng, frames, joints, dim):
+    """Velocities are random walks, of another size for each joint."""
+    size = np.exp(rng.normal(0, 1, (1, joints, 1))) * 3e-3
+    path = np.cumsum(np.cumsum(rng.normal(0, 1, (frames, joints, dim)) * size, 0), 0)
+    path -= path.mean(0)
+    return path / max(1.0, np.abs(path).max() / 2)
+
+
+def still(rng, frames, joints, dim):
+    return np.zeros((frames, joints, dim))
+
+
+def line(rng, frames, joints, dim):
+    return np.linspace(-0.5, 0.5, frames)[:, None, None] * rng.normal(0, 1, (1, joints, dim))
+
+
+def circle(rng, frames, joints, dim):
+    """Gait: periods of 12 to 60 frames."""
+    phase = 2 * np.pi * (np.arange(frames)[:, None] / rng.uniform(12, 60, (1, joints)) + rng.random((1, joints)))
+    a, b = rng.normal(0, 0.3, (2, 1, joints, dim))
+    return np.cos(phase)[..., None] * a + np.sin(phase)[..., None] * b
+
+
+def bursts(rng, frames, joints, dim):
+    """Rest, and bursts of motion between two places."""
+    place = np.zeros((joints, dim))
+    path = np.zeros((frames, joints, dim))
+    for j in range(joints):
+        t = 0
+        while t < frames:
+            rest = t + int(rng.integers(10, 40))
+            path[t:rest, j] = place[j]
+            goal, steps = place[j] + rng.normal(0, 0.3, dim), int(rng.integers(5, 20))
+            way = (1 - np.cos(np.pi * np.arange(1, steps + 1) / steps)) / 2
+            left = path[rest : rest + steps, j]
+            left[:] = (place[j] + way[:, None] * (goal - place[j]))[: len(left)]
+            place[j], t = goal, rest + steps
+    return path
+
+
+MOTIONS = {"walk": walk, "still": still, "line": line, "circle": circle, "bursts": bursts}
+
+
+def rotation(rng):
+    v = rng.normal(0, 1, 3)
+    return v / np.linalg.norm(v) * rng.uniform(0, np.pi)
+
+
+class Case:
+    """Detections, how they came about and the truth; all of one seed."""
+
+    def __init__(self, seed):
+        rng = np.random.default_rng((7, seed))
+        self.kind = list(MOTIONS)[int(rng.integers(len(MOTIONS)))]
+        self.dim = int(rng.integers(2, 4))
+        self.views = int(rng.integers(2, 7)) if self.dim == 3 else int(rng.choice([1, 1, 2, 3]))
+        self.frames = int(rng.choice([1, 2, 3, 4, 6, 10, 20, 50, 120, 300, 1100], p=[0.05, 0.05, 0.05, 0.05, 0.05, 0.1, 0.15, 0.2, 0.2, 0.08, 0.02]))
+        self.joints = int(rng.choice([1, 2, 3, 6, 12]))
+        self.unit = float(10.0 ** rng.choice([-3, 0, 3])) if self.dim == 3 else 1.0
+        self.image = float(10.0 ** rng.choice([1, 3, 3, 3, 5]))  # its size [px]
+        self.noise = float(10 ** rng.uniform(-3.7, -2)) * self.image
+        self.wrong = float(rng.choice([0, 0, 0.05, 0.2, 0.4]))
+        self.missing = float(rng.choice([0, 0, 0.1, 0.3, 0.6]))
+        self.stretches = bool(rng.random() < 0.3)
+        self.uneven = bool(rng.random() < 0.25)
+        self.rounded = bool(rng.random() < 0.15)
+        times = np.cumsum(rng.uniform(0.05, 2, self.frames)) if self.uneven else np.arange(self.frames) * 1.0
+        self.times = times * float(10.0 ** rng.choice([-2, 0, 3])) if self.uneven else None
+        path = MOTIONS[self.kind](rng, self.frames, self.joints, self.dim)
+        if self.uneven and self.frames > 1:  # the same motion, at other times
+            even = np.linspace(times[0], times[-1], self.frames)
+            path = np.stack([np.interp(times, even, c) for c in path.reshape(self.frames, -1).T], 1).reshape(path.shape)
+        path = path + rng.normal(0, 0.5, (1, self.joints, self.dim))
+        if self.dim == 3:
+            ring = np.linspace(0, rng.uniform(0.5, 2 * np.pi * (1 - 1 / self.views)), self.views)
+            self.cameras = []
+            for v in range(self.views):
+                f = self.image * rng.uniform(0.7, 1.5)
+                k = np.array([rng.normal(0, 0.1), 0, rng.normal(0, 2e-3), rng.normal(0, 2e-3), 0]) if rng.random() < 0.5 else None
+                self.cameras.append(pose.Camera([[f, 0, self.image / 2], [0, f, self.image / 2], [0, 0, 1]], np.array([0, ring[v], 0]) + rng.normal(0, 0.1, 3), np.array([0, 0, rng.uniform(6, 12)]) * self.unit, **({} if k is None else {"distortions": k})))
+            self.truth = path * self.unit
+            seen = np.array([c.project(self.truth) for c in self.cameras])
+            self.ideal = self.noise * 9 / self.image * self.unit  # of a point, about
+        else:
+            self.cameras = None
+            self.truth = (path * 0.15 + 0.5) * self.image
+            seen = np.array([self.truth] * self.views)
+            self.ideal = self.noise
+        deviation = self.noise * np.exp(rng.normal(0, 0.4, (self.views, 1, self.joints, 1)))
+        seen = seen + rng.normal(0, 1, seen.shape) * deviation
+        if self.rounded:
+            seen = np.round(seen / self.noise) * self.noise
+        is_wrong = rng.random(seen.shape[:3]) < self.wrong
+        seen[is_wrong] = rng.uniform(0, self.image, (is_wrong.sum(), 2))
+        seen[rng.random(seen.shape[:3]) < self.missing] = np.nan
+        if self.stretches:
+            for v in range(self.views):
+                for j in range(self.joints):
+                    if rng.random() < 0.4:
+                        begin = int(rng.integers(self.frames))
+                        seen[v, begin : begin + int(rng.integers(1, max(2, self.frames // 2))), j] = np.nan
+        if self.views > 2 and rng.random() < 0.2:
+            seen[int(rng.integers(self.views))] = np.nan
+        self.detections = seen
+        chance = rng.random()
+        self.confidence = None
+        if chance < 0.1:
+            self.confidence = np.ones(seen.shape[:3])
+        elif chance < 0.15:
+            self.confidence = np.zeros(seen.shape[:3])
+        elif chance < 0.3:
+            self.confidence = np.where(is_wrong, rng.beta(2, 2, is_wrong.shape), rng.beta(8, 1, is_wrong.shape))
+        self.number = np.isfinite(seen[..., 0]).sum(0)  # (T, J)
+
+    def __str__(self):
+        parts = [f"{self.dim}-D, {self.views} views, {self.frames} frames, {self.joints} joints, {self.kind}", f"noise {self.noise / self.image:.1e} of {self.image:g} px"]
+        parts += [f"{100 * self.wrong:.0f} % wrong"] * (self.wrong > 0) + [f"{100 * self.missing:.0f} % missing"] * (self.missing > 0)
+        parts += ["stretches"] * self.stretches + ["uneven"] * self.uneven + ["rounded"] * self.rounded
+        if self.confidence is not None:
+            parts.append(f"confidence {self.confidence.min():.1f}..{self.confidence.max():.1f}")
+        return ", ".join(parts)
+
+
+def simple(case):
+    """Paths of simple methods, all without NaN."""
+    seen = case.detections
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore", RuntimeWarning)
+        if case.dim == 3:
+            plain, robust = peers.triangulated(seen, case.cameras), peers.ransac(seen, case.cameras, threshold=5 * case.noise)[0]
+        else:
+            plain, robust = np.nanmean(seen, 0), np.nanmedian(seen, 0)
+        found = {}
+        for name, path in (("plain", plain), ("robust", robust)):
+            found[name] = peers.interpolated(path)
+            if case.frames >= 3:
+                found[name + ", median of 3"] = peers.median_filtered(path, 3)
+            if case.frames >= 7:
+                found[name + ", median of 7"] = peers.median_filtered(path, 7)
+            if case.frames >= 9:
+                found[name + ", Savitzky-Golay"] = peers.savitzky_golay(path)
+                found[name + ", both"] = peers.savitzky_golay(peers.median_filtered(path, 5))
+    return found
+
+
+def measures(path, case):
+    """Median and 90 % quantile of the errors where at least two views (space) or one see the joint."""
+    is_judged = case.number >= case.dim - 1
+    error = np.linalg.norm(path - case.truth, axis=-1)[is_judged]
+    error = error[np.isfinite(error)]
+    return (np.median(error), np.quantile(error, 0.9)) if len(error) else (0.0, 0.0)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 200))
+    parser.add_argument("--show", action="store_true")
+    options = parser.parse_args()
+    groups, flags = {}, 0
+    for seed in range(*options.seeds):
+        case = Case(seed)
+        start = time.process_time()
+        try:
+            fused = pose.fuse(case.detections, case.confidence, case.cameras, times=case.times)
+        except ValueError as error:
+            if (case.number.sum(0) == 0).any() and "never seen" in str(error):
+                continue
+            print(f"seed {seed}: {case}: {error}", flush=True)
+            flags += 1
+            continue
+        seconds = time.process_time() - start
+        other = {name: measures(path, case) for name, path in simple(case).items()}
+        mine = measures(fused.points, case)
+        best = [min(m[k] for m in other.values()) for k in range(2)]
+        inside = contained(fused, case.truth)
+        notes = []
+        for k, name in enumerate(("median", "90 %")):
+            if mine[k] > 1.3 * best[k] + 0.3 * case.ideal:
+                which = min(other, key=lambda m: other[m][k])
+                notes.append(f"{name} error {mine[k] / case.ideal:.2f}, {which} {best[k] / case.ideal:.2f}")
+        if not (np.isfinite(fused.points).all() and np.isfinite(fused.covariance).all()):
+            notes.append("NaN")
+        elif not (np.linalg.eigvalsh(fused.covariance)[..., 0] > 0).all():
+            notes.append("covariance not definite")
+        if seconds > 1 + 2e-4 * case.detections[..., 0].size:
+            notes.append(f"{seconds:.1f} s")
+        if inside.size >= 200 and inside.mean() < 0.8:
+            notes.append(f"regions contain {inside.mean():.2f}")
+        if notes:
+            flags += 1
+            print(f"seed {seed}: {case}: {'; '.join(notes)}", flush=True)
+        for key in ("all", case.kind, f"{case.dim}-D", f"{min(case.frames, 300)} frames" , f"{case.wrong:g} wrong", f"{case.views} views {case.dim}-D"):
+            group = groups.setdefault(key, ([], [], [], []))
+            group[0].append(mine[0] / max(best[0], 1e-3 * case.ideal))
+            group[1].append(mine[1] / max(best[1], 1e-3 * case.ideal))
+            group[2].append(inside.mean())
+            group[3].append(inside.size)
+    for key, (median, tail, inside, size) in sorted(groups.items()):
+        print(f"{key:16} {len(median):4} cases: median error {np.exp(np.mean(np.log(np.maximum(median, 1e-3)))):.2f} of the best, 90 % error {np.exp(np.mean(np.log(np.maximum(tail, 1e-3)))):.2f}; regions contain {np.mean(inside):.3f}, of all points {np.average(inside, weights=size):.3f}, of the worst tenth {np.quantile(inside, 0.1):.3f}")
+    print(f"{flags} cases flagged")
+
+
+if __name__ == "__main__":
+    main()
