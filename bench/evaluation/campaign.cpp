@@ -231,8 +231,6 @@ std::string reason_against_name(const std::string& tracker) {
   return "\"" + tracker + "\" cannot name a tracker: letters, digits, - _ . + alone";
 }
 
-bool has_campaign(const fs::path& folder) { return fs::exists(folder / kFile); }
-
 Campaign read_campaign(const fs::path& folder, const fs::path& dataset) {
   const Json json = read_json(folder / kFile);
   Campaign campaign = from_json(folder, json);

@@ -38,9 +38,6 @@ struct Campaign {
   Trajectory result(const std::string& tracker, const Sequence& sequence, const Run& run) const;
 };
 
-/// Whether the folder holds a campaign.
-bool has_campaign(const std::filesystem::path& folder);
-
 /// Why a tracker's name, which becomes that of a folder, cannot be used; empty if it can.
 std::string reason_against_name(const std::string& tracker);
 

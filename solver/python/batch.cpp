@@ -123,8 +123,7 @@ py::object sensitivity(Batch<Dim>& batch, const py::object& grad_x, const Sensit
                                    [&interrupted] { return interrupted = is_signalled(); });
   }();
   if (interrupted) throw py::error_already_set();
-  if (summary.first_failure < 0 && !summary)
-    throw py::value_error(std::string(std::string_view(summary.message)));
+  if (summary.first_failure < 0 && !summary) throw py::value_error(std::string(summary.message));
   py::array_t<int> status(count);
   for (int s = 0; s < count; ++s) status.mutable_at(s) = static_cast<int>(gradient->status(s));
   return py::module_::import("asterism.gradients")
@@ -146,8 +145,7 @@ void bind_batch(py::module_& m) {
       .def_readonly("status", &BatchSummary::status,
                     "CONVERGED if every system has converged, otherwise the first other status of a system.")
       .def_property_readonly(
-          "message", [](const BatchSummary& s) { return std::string(std::string_view(s.message)); },
-          "The reason in words.")
+          "message", [](const BatchSummary& s) { return std::string(s.message); }, "The reason in words.")
       .def_readonly("first_failure", &BatchSummary::first_failure,
                     "The index of the system with `status`, or -1.")
       .def_readonly("converged", &BatchSummary::converged, "Number of systems that have converged.")
@@ -168,7 +166,7 @@ void bind_batch(py::module_& m) {
       }))
       .def("__repr__", [](const BatchSummary& s) {
         return "<asterism.BatchSummary: " + std::to_string(s.converged) + " converged (" +
-               std::string(std::string_view(s.message)) + ")>";
+               std::string(s.message) + ")>";
       });
 
   py::class_<AnyBatch> type(

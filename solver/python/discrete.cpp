@@ -99,7 +99,7 @@ Problem problem_of(const py::list& maps, const py::object& ends, const py::objec
 template <typename Summary>
 void require_placement(const Summary& summary) {
   if (summary.status == Status::OutOfMemory) throw std::bad_alloc();
-  if (!summary.usable()) throw py::value_error(std::string(std::string_view(summary.message)));
+  if (!summary.usable()) throw py::value_error(std::string(summary.message));
 }
 
 py::array_t<float> array_of(const MapView<const float>& map) {

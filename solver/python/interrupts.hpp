@@ -5,13 +5,10 @@
 #include <pybind11/pybind11.h>
 
 #include <atomic>
-#include <chrono>
-#include <exception>
 #include <functional>
-#include <future>
 #include <memory>
-#include <system_error>
-#include <thread>
+#include <optional>
+#include <type_traits>
 #include <utility>
 
 namespace asterism::python {
@@ -20,18 +17,9 @@ namespace py = pybind11;
 
 namespace interrupts {
 
-/// Waits, without the GIL, for work in another thread, and looks for signals meanwhile: Python runs their
-/// handlers in this thread only. Returns what a handler raised, as Ctrl-C's does, or null once the work is
-/// done.
-template <typename Result>
-std::exception_ptr raised_before(std::future<Result>& result) {
-  constexpr std::chrono::milliseconds kLook(20);
-  while (result.wait_for(kLook) == std::future_status::timeout) {
-    const py::gil_scoped_acquire acquire;
-    if (PyErr_CheckSignals() != 0) return std::make_exception_ptr(py::error_already_set());
-  }
-  return nullptr;
-}
+/// What both functions below do, compiled once for all results: work hands its own over by itself.
+void run(const std::function<void(const std::atomic<bool>&)>& work);
+void run_by_itself(std::function<void()> work);
 
 }  // namespace interrupts
 
@@ -41,22 +29,13 @@ std::exception_ptr raised_before(std::future<Result>& result) {
 template <typename Work>
 auto interruptible(Work&& work) {
   using Result = std::invoke_result_t<Work&, const std::atomic<bool>&>;
-  std::atomic<bool> stop{false};
-  std::exception_ptr raised;
-  const py::gil_scoped_release release;
-  std::future<Result> result;
-  try {
-    result = std::async(std::launch::async, std::ref(work), std::cref(stop));
-  } catch (const std::system_error&) {
-    return work(stop);
+  if constexpr (std::is_void_v<Result>) {
+    interrupts::run(std::ref(work));
+  } else {
+    std::optional<Result> result;
+    interrupts::run([&](const std::atomic<bool>& stop) { result.emplace(work(stop)); });
+    return Result(std::move(*result));
   }
-  raised = interrupts::raised_before(result);
-  if (raised) {
-    stop = true;
-    result.wait();
-    std::rethrow_exception(raised);
-  }
-  return result.get();
 }
 
 /// The same for work() that has no way to be stopped: it goes on by itself until it ends, so that it has to
@@ -64,19 +43,13 @@ auto interruptible(Work&& work) {
 template <typename Work>
 auto interruptible_copy(bool is_long, Work work) {
   using Result = std::invoke_result_t<Work&>;
-  std::exception_ptr raised;
-  const py::gil_scoped_release release;
-  if (!is_long) return work();
-  const auto task = std::make_shared<std::packaged_task<Result()>>(std::move(work));
-  std::future<Result> result = task->get_future();
-  try {
-    std::thread([task] { (*task)(); }).detach();
-  } catch (const std::system_error&) {
-    (*task)();
+  if (!is_long) {
+    const py::gil_scoped_release release;
+    return work();
   }
-  raised = interrupts::raised_before(result);
-  if (raised) std::rethrow_exception(raised);
-  return result.get();
+  const auto result = std::make_shared<std::optional<Result>>();
+  interrupts::run_by_itself([result, work = std::move(work)]() mutable { result->emplace(work()); });
+  return Result(std::move(**result));
 }
 
 }  // namespace asterism::python

@@ -78,7 +78,7 @@ py::tuple locate_all(const RangeBatch& batch, const LocateOptions& options, int 
   };
   for (int tag = 0; tag < batch.tags; ++tag) {
     const auto t = static_cast<std::size_t>(tag);
-    const std::string text(std::string_view{messages[t]});
+    const std::string text(messages[t]);
     if (statuses[t] != Status::Converged)
       throw py::value_error(batch.tags == 1 ? text : "tag " + std::to_string(tag) + ": " + text);
     append(first[t]);
@@ -103,7 +103,7 @@ py::dict path(const py::array_t<double>& steps, const py::array_t<double>& beaco
     options.stop = &stop;
     return locate_path(measurements, options);
   });
-  const std::string text(std::string_view{found.message});
+  const std::string text(found.message);
   if (found.status == Status::InvalidInput || found.status == Status::NumericalFailure)
     throw py::value_error(text);
   const auto poses = static_cast<py::ssize_t>(found.heading.size()), count = beacons.shape(0);
@@ -124,7 +124,7 @@ py::dict path(const py::array_t<double>& steps, const py::array_t<double>& beaco
 }
 
 void checked(const Message& message) {
-  if (!message.empty()) throw py::value_error(std::string(std::string_view{message}));
+  if (!message.empty()) throw py::value_error(std::string(message));
 }
 
 py::array_t<double> positions_of(const std::vector<double>& values) {

@@ -26,7 +26,7 @@
 namespace asterism::python {
 
 void require_valid(const Defect& defect) {
-  if (defect) throw py::value_error(std::string(std::string_view(Message(defect))));
+  if (defect) throw py::value_error(std::string(Message(defect)));
 }
 
 namespace {
@@ -150,7 +150,7 @@ bool is_large(const System<Dim>& system) {
 }
 
 [[noreturn]] void refuse_covariance(CovarianceStatus status, const Message& message) {
-  const std::string text{std::string_view(message)};
+  const std::string text(message);
   if (status == CovarianceStatus::InvalidInput) throw py::value_error(text);
   const bool out_of_memory = status == CovarianceStatus::OutOfMemory;
   const py::object type = py::module_::import(out_of_memory ? "builtins" : "numpy.linalg")
@@ -421,7 +421,7 @@ void bind_systems(py::module_& m) {
           "proof", [](const Certificate& c) { return std::string(to_string(c.proof)); },
           "The verdict: 'unique global minimum', 'global minimum', 'not certified' or 'not applicable'.")
       .def_property_readonly(
-          "reason", [](const Certificate& c) { return std::string(std::string_view(c.reason)); },
+          "reason", [](const Certificate& c) { return std::string(c.reason); },
           "Why no more is proven, or empty.")
       .def_readonly("energy", &Certificate::energy, "E(x).")
       .def_readonly("lower_bound", &Certificate::lower_bound, "No placement has less energy.")
