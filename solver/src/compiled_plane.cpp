@@ -8,8 +8,7 @@ ASTERISM_COMPILE_SPARSE_SOLVERS(detail::PlaneSystem)
 template ASTERISM_API void detail::GlobalSearch<2>::run(const detail::PlaneSystem&,
                                                         detail::PlaneSystem::Points&,
                                                         const BranchAndBoundOptions&, Summary&);
-template ASTERISM_API detail::FreeMotion detail::RigidMotion<2>::find(const RigidNodes<2>&, const int*,
-                                                                      const int*, bool);
+template ASTERISM_API detail::FreeMotion detail::MotionSearch<2>::find(const MotionView<2>&);
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -8,8 +8,7 @@ ASTERISM_COMPILE_SPARSE_SOLVERS(detail::SpaceSystem)
 template ASTERISM_API void detail::GlobalSearch<3>::run(const detail::SpaceSystem&,
                                                         detail::SpaceSystem::Points&,
                                                         const BranchAndBoundOptions&, Summary&);
-template ASTERISM_API detail::FreeMotion detail::RigidMotion<3>::find(const RigidNodes<3>&, const int*,
-                                                                      const int*, bool);
+template ASTERISM_API detail::FreeMotion detail::MotionSearch<3>::find(const MotionView<3>&);
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

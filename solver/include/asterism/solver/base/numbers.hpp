@@ -2,6 +2,7 @@
 
 #include <asterism/solver/base/config.hpp>
 #include <cmath>
+#include <limits>
 
 // Plain loops over the numbers of a matrix, vector or column that has them side by side in memory. Eigen's
 // expressions say the same, but a compiler takes ten milliseconds and a megabyte for each of their types.
@@ -66,6 +67,15 @@ typename Matrix::Scalar dot(const Matrix& a, const Matrix& b) {
   typename Matrix::Scalar sum = 0;
   for (Eigen::Index k = 0; k < a.size(); ++k) sum += a.data()[k] * b.data()[k];
   return sum;
+}
+
+/// No entries, or NaN where the size is fixed.
+template <typename Values>
+void clear_numbers(Values& values) {
+  constexpr int kRows = Values::RowsAtCompileTime;
+  constexpr int kColumns = Values::ColsAtCompileTime;
+  values.resize(kRows == Eigen::Dynamic ? 0 : kRows, kColumns == Eigen::Dynamic ? 0 : kColumns);
+  values.setConstant(std::numeric_limits<typename Values::Scalar>::quiet_NaN());
 }
 
 }  // namespace detail

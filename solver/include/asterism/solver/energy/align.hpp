@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/matrix/diagonalise.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
@@ -24,7 +25,7 @@ Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> nearest_rotation(
   using Matrix = Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor>;
   Scalar size = M.squaredNorm();
   if (!(size > std::numeric_limits<Scalar>::min() && is_finite(size * size))) [[unlikely]] {
-    const Scalar largest = M.cwiseAbs().maxCoeff();
+    const Scalar largest = largest_size(M);
     if (!(largest > 0 && is_finite(largest))) return Matrix::Identity();
     M /= largest;
     size = M.squaredNorm();
@@ -48,7 +49,10 @@ Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> nearest_rotation(
     const Scalar inverse = 1 / std::sqrt(square);
     cosine *= inverse;
     sine *= inverse;
-    R << cosine, mirror ? sine : -sine, sine, mirror ? -cosine : cosine;
+    R(0, 0) = cosine;
+    R(1, 0) = sine;
+    R(0, 1) = mirror ? sine : -sine;
+    R(1, 1) = mirror ? -cosine : cosine;
   } else if constexpr (Dim == 3) {
     Eigen::Matrix<Scalar, 4, 4, Eigen::ColMajor> N;  // lower triangle
     N(0, 0) = M(0, 0) + M(1, 1) + M(2, 2);
@@ -97,6 +101,7 @@ template <typename System>
 bool align(const System& system, typename System::Points& x, bool allow_reflection) {
   using Scalar = typename System::Scalar;
   using Point = typename System::Point;
+  constexpr int kDim = System::kDim;
   if (system.fixed_count() != 0 || system.has_loads()) return false;
   const int n = system.nodes();
   // An anchor's spring, or the one that lies above its loss here: lowering these lowers that.
@@ -108,60 +113,72 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
   };
   // An anchor without stiffness means nothing: its position, which is finite, is multiplied by 0 first.
   Scalar total = 0;
-  Point centre = Point::Zero();
-  Point anchor_centre = Point::Zero();
+  Scalar centre[kDim] = {}, anchor_centre[kDim] = {};
   for (int i = 0; i < n; ++i) {
     const Scalar k = weight(i);
     total += k;
-    centre += k * x.col(i);
-    anchor_centre += k * system.anchors.col(i);
+    for (int c = 0; c < kDim; ++c) {
+      centre[c] += k * x(c, i);
+      anchor_centre[c] += k * system.anchors(c, i);
+    }
   }
   if (!(total > 0 && is_finite(total))) return false;
   const Scalar inverse = 1 / total;
-  centre *= inverse;
-  anchor_centre *= inverse;
+  Scalar offset = 0;    // of the centres from the origin
+  Scalar distance = 0;  // between them, squared
+  for (int c = 0; c < kDim; ++c) {
+    centre[c] *= inverse;
+    anchor_centre[c] *= inverse;
+    const Scalar difference = centre[c] - anchor_centre[c];
+    offset += centre[c] * centre[c] + anchor_centre[c] * anchor_centre[c];
+    distance += difference * difference;
+  }
 
-  Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor> M;
-  M.setZero();
+  auto M = diagonal<kDim>(Scalar(0));
   Scalar spread = 0;
   Scalar anchor_spread = 0;
   for (int i = 0; i < n; ++i) {
     const Scalar k = weight(i);
-    const Point p = x.col(i) - centre;
-    const Point q = system.anchors.col(i) - anchor_centre;
-    const Point kp = k * p;
-    const Point kq = k * q;
-    for (int c = 0; c < System::kDim; ++c) M.col(c) += p[c] * kq;
-    spread += kp.dot(p);
-    anchor_spread += kq.dot(q);
+    for (int c = 0; c < kDim; ++c) {
+      const Scalar p = x(c, i) - centre[c], q = system.anchors(c, i) - anchor_centre[c];
+      for (int r = 0; r < kDim; ++r) M(r, c) += p * (k * (system.anchors(r, i) - anchor_centre[r]));
+      spread += k * p * p;
+      anchor_spread += k * q * q;
+    }
   }
   // On one point up to rounding: nothing to turn.
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
-  const Scalar offset = total * (centre.squaredNorm() + anchor_centre.squaredNorm());
-  const Scalar rounding = kRounding * kRounding * offset;
+  const Scalar rounding = kRounding * kRounding * (total * offset);
   if (!(spread > rounding && anchor_spread > rounding) || system.has_offsets()) M.setZero();
-  const auto R = nearest_rotation<Scalar, System::kDim>(M, allow_reflection);
+  const auto R = nearest_rotation<Scalar, kDim>(M, allow_reflection);
+  const auto moved = [&](int i) {
+    Point result;
+    for (int r = 0; r < kDim; ++r) {
+      result[r] = anchor_centre[r];
+      for (int c = 0; c < kDim; ++c) result[r] += R(r, c) * (x(c, i) - centre[c]);
+    }
+    return result;
+  };
 
   if constexpr (System::kPlainAnchors) {
     // Twice what the anchors' energy falls by, as the cross terms of centre and spread vanish.
     Scalar turn = 0;  // the trace of (R - I)^T M
-    for (int c = 0; c < System::kDim; ++c) {
-      for (int r = 0; r < System::kDim; ++r) turn += (R(r, c) - Scalar(r == c ? 1 : 0)) * M(r, c);
+    for (int c = 0; c < kDim; ++c) {
+      for (int r = 0; r < kDim; ++r) turn += (R(r, c) - Scalar(r == c ? 1 : 0)) * M(r, c);
     }
-    const Scalar gain = total * (centre - anchor_centre).squaredNorm() + 2 * turn;
+    const Scalar gain = total * distance + 2 * turn;
     if (!(gain > kRounding * (spread + anchor_spread) + rounding)) return false;
   } else {
     Scalar before = 0;
     Scalar after = 0;
     for (int i = 0; i < n; ++i) {
       if (!(system.anchor_stiffness[i] > 0)) continue;
-      const Point moved = R * (x.col(i) - centre) + anchor_centre;
       before += anchor_force(system, i, x.col(i) - system.anchors.col(i)).energy;
-      after += anchor_force(system, i, moved - system.anchors.col(i)).energy;
+      after += anchor_force(system, i, moved(i) - system.anchors.col(i)).energy;
     }
     if (!(after < before)) return false;
   }
-  for (int i = 0; i < n; ++i) x.col(i) = R * (x.col(i) - centre) + anchor_centre;
+  for (int i = 0; i < n; ++i) x.col(i) = moved(i);
   return true;
 }
 

@@ -5,6 +5,7 @@
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/free_motion.hpp>
 #include <asterism/solver/energy/hessian.hpp>
@@ -92,16 +93,6 @@ namespace detail {
 
 constexpr const char* kIndefinite =
     "the Hessian is not positive definite to the digits of the scalar: x is not a strict local minimum";
-
-/// No entries, or NaN where the size is fixed.
-template <typename Matrix>
-void make_unset(Matrix& matrix) {
-  if constexpr (Matrix::SizeAtCompileTime == Eigen::Dynamic) {
-    matrix.resize(Matrix::RowsAtCompileTime == Eigen::Dynamic ? 0 : Matrix::RowsAtCompileTime, 0);
-  } else {
-    matrix.setConstant(std::numeric_limits<typename Matrix::Scalar>::quiet_NaN());
-  }
-}
 
 /// Between the refusals: compute(result) says Computed, or why not, of valid input.
 template <typename Result, typename System, typename Compute>
@@ -330,7 +321,7 @@ template <typename System>
 Covariance<System> covariance(const System& system, const typename System::Points& x) {
   auto result = detail::covariance_of_valid<Covariance<System>>(
       system, x, [&](auto& r) { return detail::invert_hessian(system, x, r.matrix); });
-  if (!result) detail::make_unset(result.matrix);
+  if (!result) detail::clear_numbers(result.matrix);
   return result;
 }
 
@@ -346,7 +337,7 @@ NodeCovariances<System> node_covariances(const System& system, const typename Sy
     }
     return detail::dense_node_covariances(system, x, r.blocks);
   });
-  if (!result) detail::make_unset(result.blocks);
+  if (!result) detail::clear_numbers(result.blocks);
   return result;
 }
 

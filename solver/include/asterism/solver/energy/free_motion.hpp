@@ -1,10 +1,11 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/numbers.hpp>
-#include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/matrix/diagonalise.hpp>
 #include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -17,6 +18,7 @@
 #include <span>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -125,190 +127,426 @@ Number hold_of_body(int nodes, Anchor&& a, Stiffness&& k, Point&& x) {
   }
 }
 
+/// A vector of few numbers, for what is rarely run: a compiler takes much longer for Eigen's expressions.
+template <int kSize>
+struct SmallVector {
+  double& operator[](Eigen::Index c) { return of[c]; }
+  double operator[](Eigen::Index c) const { return of[c]; }
+  SmallVector& operator+=(const SmallVector& other) {
+    for (int c = 0; c < kSize; ++c) of[c] += other[c];
+    return *this;
+  }
+  friend SmallVector operator*(double factor, SmallVector v) {
+    for (double& number : v.of) number *= factor;
+    return v;
+  }
+  friend SmallVector operator+(SmallVector v, const SmallVector& w) { return v += w; }
+  friend SmallVector operator-(SmallVector v, const SmallVector& w) { return v += -1.0 * w; }
+  friend double dot(const SmallVector& v, const SmallVector& w) {
+    double sum = 0;
+    for (int c = 0; c < kSize; ++c) sum += v[c] * w[c];
+    return sum;
+  }
+  double norm() const { return std::sqrt(dot(*this, *this)); }
+  double largest() const {
+    double most = 0;
+    for (const double number : of) most = std::max(most, std::abs(number));
+    return most;
+  }
+  bool is_zero() const { return !(largest() > 0); }
+
+  double of[kSize];
+};
+
+/// The same for a square matrix, of columns.
+template <int kSize>
+struct SmallMatrix {
+  using Vector = SmallVector<kSize>;
+
+  double& operator()(Eigen::Index row, Eigen::Index column) { return columns[column][row]; }
+  double operator()(Eigen::Index row, Eigen::Index column) const { return columns[column][row]; }
+  static constexpr int rows() { return kSize; }
+  void setIdentity(Eigen::Index, Eigen::Index) {  // as that of an Eigen::Matrix
+    *this = {};
+    for (int c = 0; c < kSize; ++c) columns[c][c] = 1;
+  }
+  /// A += scale u v^T.
+  void add_outer(double scale, const Vector& u, const Vector& v) {
+    for (int c = 0; c < kSize; ++c) columns[c] += (scale * v[c]) * u;
+  }
+  friend Vector operator*(const SmallMatrix& A, const Vector& v) {
+    Vector result{};
+    for (int c = 0; c < kSize; ++c) result += v[c] * A.columns[c];
+    return result;
+  }
+  /// A^T v.
+  Vector transposed_times(const Vector& v) const {
+    Vector result;
+    for (int c = 0; c < kSize; ++c) result[c] = dot(columns[c], v);
+    return result;
+  }
+  double squared_norm() const {
+    double sum = 0;
+    for (const Vector& column : columns) sum += dot(column, column);
+    return sum;
+  }
+
+  Vector columns[kSize];
+};
+
 /// A rigid motion: the velocity of a point p is slide + turn (p - origin), turn antisymmetric.
 template <int kDim>
 struct RigidVelocity {
-  using Vector = Eigen::Matrix<double, kDim, 1>;
-  using Matrix = Eigen::Matrix<double, kDim, kDim, Eigen::ColMajor>;
+  using Vector = SmallVector<kDim>;
 
-  Vector origin = Vector::Zero();
-  Vector slide = Vector::Zero();
-  Matrix turn = Matrix::Zero();
+  Vector at(const Vector& p) const { return slide + turn * (p - origin); }
 
-  Vector at(const Vector& p) const { return slide + product(turn, Vector(p - origin)); }
-
-  static Vector transposed_times(const Matrix& A, const Vector& v) {
-    Vector result = Vector::Zero();
-    for (int r = 0; r < kDim; ++r) {
-      for (int c = 0; c < kDim; ++c) result[c] += A(r, c) * v[r];
-    }
-    return result;
-  }
-  /// A += scale u v^T.
-  static void add_outer(Matrix& A, double scale, const Vector& u, const Vector& v) {
-    for (int c = 0; c < kDim; ++c) {
-      for (int r = 0; r < kDim; ++r) A(r, c) += scale * u[r] * v[c];
-    }
-  }
-
-  /// The rotation about a point in the plane of two orthogonal directions.
-  static RigidVelocity about(const Vector& point, const Vector& from, const Vector& to) {
-    RigidVelocity motion;
-    motion.origin = point;
-    add_outer(motion.turn, 1, to, from);
-    add_outer(motion.turn, -1, from, to);
-    return motion;
-  }
+  Vector origin{};
+  Vector slide{};
+  SmallMatrix<kDim> turn{};
 };
 
-/// The nodes of a system at some x as the search for their rigid motions sees them: in double, whatever the
-/// scalar, the storage and the models, so that this search is compiled once a dimension.
+/// A node as the search for free motions sees it.
 template <int kDim>
-class RigidNodes {
- public:
-  using Velocity = RigidVelocity<kDim>;
-  using Vector = typename Velocity::Vector;
-  using Matrix = typename Velocity::Matrix;
+struct MotionNode {
+  using Vector = SmallVector<kDim>;
 
-  virtual ~RigidNodes() = default;
-  virtual Vector place(int i) const = 0;      ///< of node i in x
-  virtual Vector anchor(int i) const = 0;     ///< where node i's anchor is
-  virtual double stiffness(int i) const = 0;  ///< of node i's anchor
-  virtual bool is_fixed(int i) const = 0;     ///< whether node i is
-  virtual bool has_plain_anchors() const = 0;
-  /// Curvature and gradient of the energy of node i's anchor.
+  /// Whether an anchor holds it, or it is fixed.
+  bool is_held() const { return is_fixed || stiffness > 0; }
+  /// Whether something beside plain links acts on it.
+  bool is_held_itself() const { return is_held() || has_offset || !load.is_zero(); }
+
+  Vector place;      ///< in x
+  Vector anchor;     ///< where its anchor is
+  Vector load;       ///< 0 if it has none
+  double stiffness;  ///< of the anchor
+  bool is_fixed;     ///< whether it never moves
+  bool has_offset;   ///< whether a link of it has one, which does not turn with it
+
+  // Of the search.
+  Vector velocity;    // of a motion, 0 between uses
+  Vector inward;      // of the velocity along the path
+  int first, last;    // of its links in `incident`
+  int body;           // the first node of the component that it was last found in
+  int up, time, low;  // depth first: its parent, when it was seen, the earliest time that it is linked to
+  int next;           // the link to follow next
+  bool holds;         // whether something beside plain links acts on what was seen from it on
+};
+
+/// A system at some x as that search sees it, which is compiled once a dimension: in double, whatever the
+/// scalar, the storage and the models.
+template <int kDim>
+struct MotionView {
+  using Vector = SmallVector<kDim>;
+  using Matrix = SmallMatrix<kDim>;
+  struct LinkSpring {
+    Vector direction;
+    double along, across;  ///< curvatures
+    double inverse;        ///< of the length
+  };
+
+  /// Whether link l resists anything: one of zero stiffness, or a slack cable, does not.
+  virtual bool connects(int l) const = 0;
+  virtual LinkSpring link_spring(int l) const = 0;
+  /// Of node i's anchor, which has stiffness.
   virtual void anchor_spring(int i, Matrix& curvature, Vector& gradient) const = 0;
-  virtual bool has_loads() const = 0;
-  virtual Vector load(int i) const = 0;  ///< on node i; 0 if none has one
-  virtual double rounding() const = 0;   ///< the share of a coordinate that is rounding alone
-  /// Whether the Hessian, links included, resists a motion of the nodes begin to end.
-  virtual bool resist(const int* begin, const int* end, const Velocity& motion) const = 0;
 
-  /// Whether an anchor holds a node, or it is fixed.
-  bool is_held(int i) const { return is_fixed(i) || stiffness(i) > 0; }
+  std::span<MotionNode<kDim>> nodes;
+  std::span<const Link> links;
+  int* incident = nullptr;  ///< space for two numbers a link: the links of each node that connect
+  int* members = nullptr;   ///< space for one number a node
+  bool has_plain_anchors = false;
+  bool has_loads = false;
+  double rounding = 0;  ///< the share of a coordinate that is rounding alone
 
-  /// Whether the Hessian resists all rotations of the nodes begin to end about a point that leave the
-  /// directions of a line or plane through it as they are; `resting` projects on these.
-  bool resist_turns(const int* begin, const int* end, const Vector& point,
-                    const Matrix& resting = Matrix::Zero()) const {
-    Matrix share = resting;
-    Matrix axes;
-    diagonalise(share, axes);
-    for (int b = 1; b < kDim; ++b) {
-      for (int a = 0; a < b; ++a) {
-        if (share(a, a) > 0.5 || share(b, b) > 0.5) continue;
-        if (!resist(begin, end, Velocity::about(point, axes.col(a), axes.col(b)))) return false;
-      }
-    }
-    return true;
-  }
+ protected:
+  ~MotionView() = default;
 };
 
-/// Looks for motions of one rigid body that neither anchors nor fixed nodes hold. What anchors seem to leave
-/// free is free only if the Hessian does not resist it: nodes that are all but on a line or on a point turn
-/// there without going anywhere.
+/// The search for motions of rigid bodies that neither anchors nor fixed nodes hold. What anchors seem to
+/// leave free is free only if the Hessian does not resist it: nodes that are all but on a line or on a point
+/// turn there without going anywhere.
 template <int kDim>
-class RigidMotion {
+class MotionSearch {
  public:
-  /// One such motion of the nodes begin to end, or none; without `turns`, translations alone. The links'
-  /// energy does not change along a rigid motion, so where x is stationary the second derivative of the
-  /// anchors' and loads' energy along it is that of all: a matrix of the size of the motions.
-  static FreeMotion find(const RigidNodes<kDim>& nodes, const int* begin, const int* end, bool turns);
+  /// One such motion, or none.
+  static FreeMotion find(const MotionView<kDim>& view);
 
  private:
-  using Nodes = RigidNodes<kDim>;
   static constexpr int kModes = kDim * (kDim + 1) / 2;  // translations, then rotations
-  using Vector = typename Nodes::Vector;
-  using Matrix = typename Nodes::Matrix;
-  using ModeMatrix = Eigen::Matrix<double, kModes, kModes, Eigen::ColMajor>;
-  using ModeVector = Eigen::Matrix<double, kModes, 1>;
+  static constexpr int kUnseen = -1;
+  using Vector = SmallVector<kDim>;
+  using Matrix = SmallMatrix<kDim>;
+  using ModeVector = SmallVector<kModes>;
+  using Velocity = RigidVelocity<kDim>;
+  using Node = MotionNode<kDim>;
+  using Body = std::span<const int>;  // nodes
   struct Velocities {
     Vector& operator[](int mode) { return of[mode]; }
     const Vector& operator[](int mode) const { return of[mode]; }
     Vector of[kModes];
   };
-  using Velocity = RigidVelocity<kDim>;
+
+  explicit MotionSearch(const MotionView<kDim>& view)
+      : view_(view), links_(view.links), members_(view.members), rounding_(view.rounding) {}
+
+  int size() const { return static_cast<int>(view_.nodes.size()); }
+  Node& node(int i) const { return view_.nodes[static_cast<std::size_t>(i)]; }
+  Body links_of(int i) const { return {view_.incident + node(i).first, view_.incident + node(i).last}; }
+  int other_end(int l, int i) const {
+    const Link& link = links_[static_cast<std::size_t>(l)];
+    return link.i == i ? link.j : link.i;
+  }
+
+  void list_links() const {
+    const auto for_each_end = [this](auto&& visit) {
+      for (int l = 0; l < static_cast<int>(links_.size()); ++l) {
+        if (!view_.connects(l)) continue;
+        visit(node(links_[static_cast<std::size_t>(l)].i), l);
+        visit(node(links_[static_cast<std::size_t>(l)].j), l);
+      }
+    };
+    for (Node& each : view_.nodes) each.last = 0;
+    for_each_end([](Node& end, int) { ++end.last; });
+    int sum = 0;
+    for (Node& each : view_.nodes) {
+      each.first = sum;
+      sum += std::exchange(each.last, sum);
+    }
+    for_each_end([this](Node& end, int l) { view_.incident[end.last++] = l; });
+  }
+
+  // Of each connected component, with the fixed nodes that it is linked to, which hold each on its own.
+  FreeMotion of_components() const {
+    for (Node& each : view_.nodes) each.body = kUnseen;
+    for (int start = 0; start < size(); ++start) {
+      if (node(start).is_fixed || node(start).body != kUnseen) continue;
+      int count = 0;
+      bool turns = true;
+      const auto add = [&](int i) {
+        if (node(i).body == start) return;
+        node(i).body = start;
+        members_[count++] = i;
+        turns = turns && (node(i).is_fixed || !node(i).has_offset);
+      };
+      add(start);
+      for (int k = 0; k < count; ++k) {
+        const int i = members_[k];
+        if (node(i).is_fixed) continue;
+        for (const int l : links_of(i)) add(other_end(l, i));
+      }
+      std::sort(members_, members_ + count);
+      if (const FreeMotion motion = of_body({members_, members_ + count}, turns)) return motion;
+    }
+    return {};
+  }
+
+  // Of one body, or none; without `turns`, translations alone. The links' energy does not change along a
+  // rigid motion, so where x is stationary the second derivative of the anchors' and loads' energy along it
+  // is that of all: a matrix of the size of the motions.
+  FreeMotion of_body(Body body, bool turns) const {
+    double extent = 0;  // of coordinates, whose rounding is a share of it
+    double total = 0;
+    int fixed = kUnseen;  // the first one
+    Vector centre{};
+    for (const int m : body) {
+      const Node& at = node(m);
+      extent = std::max(extent, at.place.largest());
+      if (at.is_fixed) {
+        if (fixed == kUnseen) fixed = m;
+      } else if (at.stiffness > 0) {
+        total += at.stiffness;
+        centre += at.stiffness * at.place;
+        extent = std::max(extent, at.anchor.largest());
+      }
+    }
+    if (!(extent > 0)) extent = 1;
+    if constexpr (kDim == 2 || kDim == 3) {
+      const auto member = [&](int m) -> const Node& { return node(body[static_cast<std::size_t>(m)]); };
+      if (fixed == kUnseen && view_.has_plain_anchors && !view_.has_loads &&
+          hold_of_body<kDim, double, double>(
+              static_cast<int>(body.size()), [&](int m, int c) { return member(m).anchor[c]; },
+              [&](int m) { return member(m).stiffness; },
+              [&](int m, int c) { return member(m).place[c]; }) > 0)
+        return {};
+    }
+    if (turns && !view_.has_loads) {
+      if (const FreeMotion motion = about_hull(body, extent)) return motion;
+    }
+    if (fixed != kUnseen) {
+      centre = node(fixed).place;
+    } else if (total > 0) {
+      centre = (1 / total) * centre;
+    }
+
+    // Axes along which rotations stand out that move no node, as those about the line that all are on, or
+    // that move no fixed node.
+    const auto spread_of = [&](bool of_fixed) {
+      Matrix spread{};
+      for (const int m : body) {
+        const Vector d = node(m).place - centre;
+        if (!of_fixed || node(m).is_fixed) spread.add_outer(1, d, d);
+      }
+      return spread;
+    };
+    Matrix spread = spread_of(true);
+    double trace = 0;
+    for (int c = 0; c < kDim; ++c) trace += spread(c, c);
+    if (!(std::sqrt(trace) > rounding_ * extent)) spread = spread_of(false);
+    Matrix axes;
+    diagonalise(spread, axes);
+    const auto place = [&](int i) { return axes.transposed_times(node(i).place - centre); };
+
+    SmallMatrix<kModes> curvature{};
+    ModeVector slope{}, scale{}, speed{}, speed_of_fixed{};
+    for (const int m : body) {
+      const Node& at = node(m);
+      const Velocities v = velocities(place(m), extent);
+      ModeVector& fastest = at.is_fixed ? speed_of_fixed : speed;
+      for (int a = 0; a < kModes; ++a) fastest[a] = std::max(fastest[a], v[a].norm());
+      if (at.is_fixed) continue;
+      const double k = at.stiffness;
+      if (!(k > 0) && at.load.is_zero()) continue;
+      Matrix block{};
+      Vector force{};
+      if (k > 0) view_.anchor_spring(m, block, force);
+      Velocities bent;  // what the block makes of the velocities, both in the axes of the modes
+      for (int a = 0; a < kModes; ++a) bent[a] = axes.transposed_times(block * (axes * v[a]));
+      force = axes.transposed_times(force - at.load);
+      for (int a = 0; a < kModes; ++a) {
+        slope[a] += dot(force, v[a]);
+        scale[a] += k * dot(v[a], v[a]) + force.norm() * turned(a, v[a]).norm();
+        for (int b = 0; b <= a; ++b) {
+          curvature(a, b) +=
+              dot(v[a], bent[b]) + (dot(force, turned(a, v[b])) + dot(force, turned(b, v[a]))) / 2;
+        }
+      }
+    }
+
+    if (!turns) {
+      for (int a = kDim; a < kModes; ++a) speed[a] = slope[a] = 0;
+    }
+
+    // Each slope is divided by the magnitude that its rounding is relative to.
+    double imbalance = 0;
+    for (int a = 0; a < kModes; ++a) {
+      scale[a] += extent * std::sqrt(total * scale[a]) + rounding_ * total * extent * extent;
+      if (scale[a] > 0) imbalance += slope[a] * slope[a] / (scale[a] * scale[a]);
+    }
+    for (int a = 0; a < kModes; ++a) {
+      // One that moves no node, or is not wanted, or moves a fixed node.
+      if (!(speed[a] > rounding_ * extent) || speed_of_fixed[a] > rounding_ * extent) {
+        for (int b = 0; b < kModes; ++b) curvature(std::max(a, b), std::min(a, b)) = 0;
+        curvature(a, a) = 1;
+        scale[a] = 0;
+        continue;
+      }
+      for (int b = 0; b <= a; ++b) {
+        curvature(a, b) = scale[a] > 0 && scale[b] > 0 ? curvature(a, b) / std::sqrt(scale[a] * scale[b]) : 0;
+      }
+    }
+    SmallMatrix<kModes> motions;
+    diagonalise(curvature, motions);
+    int order[kModes];
+    std::iota(std::begin(order), std::end(order), 0);
+    const auto flatness = [&](int a) { return std::abs(curvature(a, a)); };
+    std::sort(std::begin(order), std::end(order), [&](int a, int b) { return flatness(a) < flatness(b); });
+    // What is left of the gradient couples motions that do not commute: by s, which takes the curvature of a
+    // free motion beside one of curvature c to s^2 / c.
+    const double next = kModes > 1 ? std::min(1.0, flatness(order[std::min(1, kModes - 1)])) : 1.0;
+    const double coupled = std::min(imbalance, 1e-8) / std::max(next, 0.01);
+    for (const int a : order) {
+      if (!(flatness(a) <= rounding_ + coupled)) return {};
+      ModeVector motion;
+      for (int b = 0; b < kModes; ++b)
+        motion[b] = scale[b] > 0 ? motions(b, a) / std::sqrt(scale[b]) : motions(b, a);
+      if (resists(body, velocity(axes, centre, extent, motion))) continue;
+      const auto speed_of = [&](int i) {
+        const Velocities v = velocities(place(i), extent);
+        Vector sum{};
+        for (int b = 0; b < kModes; ++b) sum += motion[b] * v[b];
+        return sum.norm();
+      };
+      FreeMotion result = described(body, extent, -1, speed_of);
+      const auto norm = [&](int first, int last) {
+        double square = 0;
+        for (int b = first; b < last; ++b) square += motion[b] * motion[b];
+        return std::sqrt(square);
+      };
+      result.slides = result.about < 0 && norm(kDim, kModes) <= 1e-5 * norm(0, kDim);
+      return result;
+    }
+    return {};
+  }
 
   // The rotation about the held nodes of a body, where these are on one point in the plane, or on one line in
   // space, and another node is not. None of their anchors notices, wherever x is.
-  static FreeMotion about_hull(const Nodes& nodes, const int* begin, const int* end, double extent) {
-    const auto place = [&](int i) { return nodes.place(i); };
-    const auto is_held = [&](int i) { return nodes.is_held(i); };
-    const int* const first = std::find_if(begin, end, is_held);
-    if (first == end) return {};
+  FreeMotion about_hull(Body body, double extent) const {
+    const auto first = std::find_if(body.begin(), body.end(), [this](int i) { return node(i).is_held(); });
+    if (first == body.end()) return {};
     // An orthonormal basis of what they span, from the farthest points on (Gram & Schmidt).
-    const Vector origin = place(*first);
-    const double rounding = nodes.rounding() * extent;
+    const Vector origin = node(*first).place;
+    const double rounding = rounding_ * extent;
     Vector basis[kDim];
     int rank = 0;
-    const auto outside = [&](const Vector& point) {
-      Vector d = point - origin;
-      for (int a = 0; a < rank; ++a) d -= basis[a].dot(d) * basis[a];
+    const auto outside = [&](int i) {
+      Vector d = node(i).place - origin;
+      for (int a = 0; a < rank; ++a) d += -dot(basis[a], d) * basis[a];
       return d;
     };
     while (true) {
-      Vector farthest_out = Vector::Zero();
-      for (const int* m = begin; m != end; ++m) {
-        if (!is_held(*m)) continue;
-        const Vector d = outside(place(*m));
-        if (d.squaredNorm() > farthest_out.squaredNorm()) farthest_out = d;
+      Vector farthest{};
+      for (const int m : body) {
+        if (node(m).is_held() && outside(m).norm() > farthest.norm()) farthest = outside(m);
       }
-      if (!(farthest_out.norm() > rounding)) break;
+      if (!(farthest.norm() > rounding)) break;
       if (rank >= kDim - 2) return {};
-      basis[rank++] = farthest_out / farthest_out.norm();
+      basis[rank++] = (1 / farthest.norm()) * farthest;
     }
     if (rank > kDim - 2) return {};  // on a line, where there is no rotation
-
-    const auto distance = [&](int i) { return outside(place(i)).norm(); };
-    FreeMotion result;
-    double farthest = rounding;
-    for (const int* m = begin; m != end; ++m) {
-      if (nodes.is_fixed(*m) || !(distance(*m) > farthest)) continue;
-      farthest = distance(*m);
-      result.node = *m;
-    }
+    const FreeMotion result = described(body, extent, rounding, [&](int i) { return outside(i).norm(); });
     if (!result) return {};
-    Matrix hull = Matrix::Zero();
-    for (int a = 0; a < rank; ++a) Velocity::add_outer(hull, 1, basis[a], basis[a]);
-    if (nodes.resist_turns(begin, end, origin, hull)) return {};
-    name_rest(nodes, begin, end, rounding, farthest, distance, place, result);
+    Matrix hull{};
+    for (int a = 0; a < rank; ++a) hull.add_outer(1, basis[a], basis[a]);
+    if (resists_turns(body, origin, hull)) return {};
     return result;
   }
 
-  // The held nodes that a motion hardly moves, beside the fastest.
-  template <typename Speed, typename Place>
-  static void name_rest(const Nodes& nodes, const int* begin, const int* end, double rounding, double fastest,
-                        Speed&& speed, Place&& place, FreeMotion& result) {
+  // The node that a motion moves fastest, above `least`, and the held ones that it hardly moves.
+  template <typename Speed>
+  FreeMotion described(Body body, double extent, double least, Speed&& speed) const {
     constexpr double kRest = 1e-2;
-    for (const int* m = begin; m != end; ++m) {
-      if (!nodes.is_held(*m) || !(speed(*m) <= kRest * fastest)) continue;
+    FreeMotion result;
+    double fastest = least;
+    for (const int m : body) {
+      if (node(m).is_fixed || !(speed(m) > fastest)) continue;
+      fastest = speed(m);
+      result.node = m;
+    }
+    for (const int m : body) {
+      if (!result || !node(m).is_held() || !(speed(m) <= kRest * fastest)) continue;
       if (result.about < 0) {
-        result.about = *m;
-      } else if (kDim > 2 && result.axis < 0 && (place(*m) - place(result.about)).norm() > rounding) {
-        result.axis = *m;
+        result.about = m;
+      } else if (kDim > 2 && result.axis < 0 &&
+                 (node(m).place - node(result.about).place).norm() > rounding_ * extent) {
+        result.axis = m;
       }
     }
-    if (result.axis >= 0 && result.axis < result.about) std::swap(result.about, result.axis);
+    return result;
   }
 
   // The velocities of a point p for each motion of unit speed: translations by `unit`, rotations by one
   // radian in the plane of two axes.
   static Velocities velocities(const Vector& p, double unit) {
-    Velocities v;
-    for (Vector& each : v.of) each.setZero();
+    Velocities v{};
     for (int c = 0; c < kDim; ++c) v[c][c] = unit;
-    for (int a = 0, mode = kDim; a < kDim; ++a) {
-      for (int b = a + 1; b < kDim; ++b, ++mode) {
-        v[mode][b] = p[a];
-        v[mode][a] = -p[b];
-      }
-    }
+    for (int mode = kDim; mode < kModes; ++mode) v[mode] = turned(mode, p);
     return v;
   }
 
   // W v for the rotation of a mode, whose velocity at p is W p; zero for translations.
   static Vector turned(int wanted, const Vector& v) {
-    Vector result = Vector::Zero();
+    Vector result{};
     for (int a = 0, mode = kDim; a < kDim; ++a) {
       for (int b = a + 1; b < kDim; ++b, ++mode) {
         if (mode != wanted) continue;
@@ -324,187 +562,193 @@ class RigidMotion {
                            const ModeVector& motion) {
     Velocity result;
     result.origin = centre;
-    for (int a = 0; a < kDim; ++a) result.slide += (extent * motion[a]) * Vector(axes.col(a));
+    for (int a = 0; a < kDim; ++a) result.slide += (extent * motion[a]) * axes.columns[a];
     for (int a = 0, mode = kDim; a < kDim; ++a) {
-      for (int b = a + 1; b < kDim; ++b, ++mode) {
-        Velocity::add_outer(result.turn, motion[mode], axes.col(b), axes.col(a));
-        Velocity::add_outer(result.turn, -motion[mode], axes.col(a), axes.col(b));
-      }
+      for (int b = a + 1; b < kDim; ++b, ++mode)
+        add_rotation(result, motion[mode], axes.columns[a], axes.columns[b]);
     }
     return result;
   }
 
-  // The length of its part in the modes first to last - 1.
-  static double norm_of(const ModeVector& motion, int first, int last) {
-    double square = 0;
-    for (int a = first; a < last; ++a) square += motion[a] * motion[a];
-    return std::sqrt(square);
+  // In the plane of two orthogonal directions.
+  static void add_rotation(Velocity& motion, double rate, const Vector& from, const Vector& to) {
+    motion.turn.add_outer(rate, to, from);
+    motion.turn.add_outer(-rate, from, to);
   }
 
-  // The nodes that a motion moves, and those it turns about.
-  template <typename Place>
-  static FreeMotion described(const Nodes& nodes, const int* begin, const int* end, double extent,
-                              const ModeVector& motion, Place&& place) {
-    const auto speed = [&](int i) {
-      const Velocities v = velocities(place(i), extent);
-      Vector sum = Vector::Zero();
-      for (int a = 0; a < kModes; ++a) sum += motion[a] * v[a];
-      return sum.norm();
+  // Whether the Hessian resists all rotations of a body about a point that leave the directions of a line or
+  // plane through it as they are; `resting` projects on these.
+  bool resists_turns(Body body, const Vector& point, Matrix resting) const {
+    Matrix axes;
+    diagonalise(resting, axes);
+    for (int b = 1; b < kDim; ++b) {
+      for (int a = 0; a < b; ++a) {
+        if (resting(a, a) > 0.5 || resting(b, b) > 0.5) continue;
+        Velocity motion;
+        motion.origin = point;
+        add_rotation(motion, 1, axes.columns[a], axes.columns[b]);
+        if (!resists(body, motion)) return false;
+      }
+    }
+    return true;
+  }
+
+  // Whether the Hessian resists the motion v of a body, of which anchors seem to know nothing. Along the path
+  // of a motion that changes no energy E, with velocity v = W (x - c) and acceleration W v,
+  //   0 = E'' = v^T H v + g . W v:
+  // H resists by what is left of the gradient g alone, which shrinks or widens the circles of the path, whose
+  // radii are -W v / w^2 for the angular velocity w. E is an even function of the share s of these that is
+  // left. By the first terms of its series, a s^2 + b s^4, the nodes belong onto the axis (a > 0), where they
+  // do not go anywhere, if
+  //   v^T H v > (W v)^T H (W v) / (3 w^2).
+  bool resists(Body body, const Velocity& motion) const {
+    const double spin = motion.turn.squared_norm() / 2;  // w^2
+    if (!(spin > 0)) return false;
+    bool moves = false;
+    double extent = 0;
+    double path = 0;  // E'' along it, of anchors and loads
+    double resistance = 0;
+    double inward = 0;
+    double size = 0;  // that the rounding of the resistance is a share of
+    for (const int m : body) {
+      Node& at = node(m);
+      extent = std::max(extent, at.place.largest());
+      if (at.is_fixed) continue;
+      const Vector v = at.velocity = motion.at(at.place);
+      const Vector w = at.inward = motion.turn * v;
+      moves = moves || !v.is_zero();
+      Matrix block{};
+      Vector force{};
+      if (at.stiffness > 0) view_.anchor_spring(m, block, force);
+      const double bent = dot(v, block * v);
+      resistance += bent;
+      inward += dot(w, block * w);
+      size += std::sqrt(block.squared_norm()) * dot(v, v);
+      path += bent + dot(w, force - at.load);
+    }
+    for (const int m : body) {
+      const Node& at = node(m);
+      if (at.velocity.is_zero()) continue;
+      for (const int l : links_of(m)) {
+        const int other = other_end(l, m);
+        if (other < m && !node(other).velocity.is_zero()) continue;  // counted there
+        const Vector v = at.velocity - node(other).velocity;
+        const Vector w = at.inward - node(other).inward;
+        const auto spring = view_.link_spring(l);
+        const double bend = spring.along - spring.across;
+        const auto bent = [&](const Vector& d) {
+          const double along = dot(spring.direction, d);
+          return spring.across * dot(d, d) + bend * along * along;
+        };
+        resistance += bent(v);
+        inward += bent(w);
+        if (bend != 0) size += std::abs(bend) * extent * spring.inverse * dot(v, v);  // the length's rounding
+        size += std::abs(spring.along) * dot(v, v);
+      }
+    }
+    for (const int m : body) node(m).velocity = node(m).inward = {};
+    if (!moves) return true;  // it is no motion
+    return resistance > rounding_ * size &&
+           (2 * std::abs(path) > resistance || 3 * spin * resistance > inward);
+  }
+
+  // In space, of a single node that has two neighbours alone, about the line through these.
+  FreeMotion of_hinges() const {
+    for (int i = 0; i < size(); ++i) {
+      if (node(i).is_held_itself()) continue;
+      FreeMotion motion;
+      bool has_more = false;
+      for (const int l : links_of(i)) {
+        const int j = other_end(l, i);
+        if (j == motion.about || j == motion.axis) continue;
+        has_more = motion.axis >= 0;
+        if (has_more) break;
+        (motion.about < 0 ? motion.about : motion.axis) = j;
+      }
+      if (has_more || motion.axis < 0) continue;
+      const Vector line = node(motion.axis).place - node(motion.about).place;
+      Matrix along{};
+      if (!line.is_zero()) along.add_outer(1 / dot(line, line), line, line);
+      if (resists_turns({&i, 1}, node(motion.about).place, along)) continue;
+      motion.node = i;
+      motion.is_part = true;
+      return motion;
+    }
+    return {};
+  }
+
+  // Of a part that is attached at a single node and has neither anchor nor load: it can turn about that node,
+  // whatever the node does. These parts are subtrees of a depth first search whose nodes are linked to none
+  // before their parent (Hopcroft & Tarjan 1973).
+  FreeMotion of_parts() const {
+    int* const seen = members_;
+    int count = 0;
+    const auto enter = [&](int i, int from) {
+      Node& at = node(i);
+      at.up = from;
+      at.time = at.low = count;
+      at.next = at.first;
+      at.holds = at.is_held_itself();
+      seen[count++] = i;
     };
-    FreeMotion result;
-    double fastest = -1;
-    for (const int* m = begin; m != end; ++m) {
-      if (!nodes.is_fixed(*m) && speed(*m) > fastest) {
-        fastest = speed(*m);
-        result.node = *m;
+    for (Node& each : view_.nodes) each.time = kUnseen;
+    for (int start = 0; start < size(); ++start) {
+      if (!node(start).is_held_itself() || node(start).time != kUnseen) continue;
+      enter(start, kUnseen);
+      for (int i = start; i >= 0;) {
+        Node& at = node(i);
+        if (at.next < at.last) {
+          const int j = other_end(view_.incident[at.next++], i);
+          if (node(j).time == kUnseen) {
+            enter(j, i);
+            i = j;
+          } else if (j != at.up) {
+            at.low = std::min(at.low, node(j).time);
+          }
+          continue;
+        }
+        const int parent = i = at.up;
+        if (parent < 0) break;
+        Node& above = node(parent);
+        const Body part(seen + at.time, seen + count);
+        if (at.low >= above.time && !at.holds && !resists_turns(part, above.place, {})) {
+          for (const int m : part) {
+            if ((node(m).place - above.place).is_zero()) continue;
+            FreeMotion motion;
+            motion.node = m;
+            motion.about = parent;
+            motion.is_part = true;
+            return motion;
+          }
+        }
+        above.low = std::min(above.low, at.low);
+        above.holds = above.holds || at.holds;
       }
     }
-    name_rest(nodes, begin, end, nodes.rounding() * extent, fastest, speed, place, result);
-    result.slides = result.about < 0 &&
-                    norm_of(motion, kDim, kModes) * extent <= 1e-5 * norm_of(motion, 0, kDim) * extent;
-    return result;
+    return {};
   }
+
+  const MotionView<kDim>& view_;
+  const std::span<const Link> links_;
+  int* const members_;
+  const double rounding_;
 };
 
 template <int kDim>
-FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* begin, const int* end,
-                                   bool turns) {
-  const auto at = [&](int i) { return nodes.place(i); };
-  const double rounding = nodes.rounding();
-  double extent = 0;  // of coordinates, whose rounding is a share of it
-  double total = 0;
-  const int* fixed = end;  // the first one
-  Vector centre = Vector::Zero();
-  for (const int* m = begin; m != end; ++m) {
-    extent = std::max(extent, largest_size(at(*m)));
-    if (nodes.is_fixed(*m)) {
-      if (fixed == end) fixed = m;
-      continue;
-    }
-    const double k = nodes.stiffness(*m);
-    if (!(k > 0)) continue;
-    total += k;
-    centre += k * at(*m);
-    extent = std::max(extent, largest_size(nodes.anchor(*m)));
+FreeMotion MotionSearch<kDim>::find(const MotionView<kDim>& view) {
+  const MotionSearch search(view);
+  search.list_links();
+  if (const FreeMotion motion = search.of_components()) return motion;
+  if constexpr (kDim > 1) {
+    if (const FreeMotion motion = search.of_parts()) return motion;
   }
-  if (!(extent > 0)) extent = 1;
-  if constexpr (kDim == 2 || kDim == 3) {
-    if (fixed == end && nodes.has_plain_anchors() && !nodes.has_loads() &&
-        hold_of_body<kDim, double, double>(
-            static_cast<int>(end - begin), [&](int m, int c) { return nodes.anchor(begin[m])[c]; },
-            [&](int m) { return nodes.stiffness(begin[m]); },
-            [&](int m, int c) { return nodes.place(begin[m])[c]; }) > 0)
-      return {};
-  }
-  if (turns && !nodes.has_loads()) {
-    if (const FreeMotion motion = about_hull(nodes, begin, end, extent)) return motion;
-  }
-  if (fixed != end) {
-    centre = at(*fixed);
-  } else if (total > 0) {
-    centre /= total;
-  }
-
-  // Axes along which rotations stand out that move no node, as those about the line that all are on, or that
-  // move no fixed node.
-  const auto spread_of = [&](bool of_fixed) {
-    Matrix spread = Matrix::Zero();
-    for (const int* m = begin; m != end; ++m) {
-      const Vector d = at(*m) - centre;
-      if (!of_fixed || nodes.is_fixed(*m)) RigidVelocity<kDim>::add_outer(spread, 1, d, d);
-    }
-    return spread;
-  };
-  Matrix spread = spread_of(true);
-  double trace = 0;
-  for (int c = 0; c < kDim; ++c) trace += spread(c, c);
-  if (!(std::sqrt(trace) > rounding * extent)) spread = spread_of(false);
-  Matrix axes;
-  diagonalise(spread, axes);
-
-  ModeMatrix curvature = ModeMatrix::Zero();
-  ModeVector slope = ModeVector::Zero();
-  ModeVector scale = ModeVector::Zero();
-  ModeVector speed = ModeVector::Zero();
-  ModeVector speed_of_fixed = ModeVector::Zero();
-  for (const int* m = begin; m != end; ++m) {
-    const Velocities v = velocities(Velocity::transposed_times(axes, at(*m) - centre), extent);
-    ModeVector& fastest = nodes.is_fixed(*m) ? speed_of_fixed : speed;
-    for (int a = 0; a < kModes; ++a) fastest[a] = std::max(fastest[a], v[a].norm());
-    if (nodes.is_fixed(*m)) continue;
-    const double k = nodes.stiffness(*m);
-    const Vector load = nodes.load(*m);
-    if (!(k > 0) && is_zero(load)) continue;
-    Matrix block = Matrix::Zero();
-    Vector force = Vector::Zero();
-    if (k > 0) nodes.anchor_spring(*m, block, force);
-    const Velocities bent = [&] {  // what the block makes of the velocities, both in the axes of the modes
-      Velocities result;
-      for (int a = 0; a < kModes; ++a) {
-        result[a] = Velocity::transposed_times(axes, product(block, product(axes, v[a])));
-      }
-      return result;
-    }();
-    force = Velocity::transposed_times(axes, force - load);
-    for (int a = 0; a < kModes; ++a) {
-      slope[a] += force.dot(v[a]);
-      scale[a] += k * v[a].squaredNorm() + force.norm() * turned(a, v[a]).norm();
-      for (int b = 0; b <= a; ++b) {
-        curvature(a, b) += v[a].dot(bent[b]) + (force.dot(turned(a, v[b])) + force.dot(turned(b, v[a]))) / 2;
-      }
-    }
-  }
-
-  if (!turns) {
-    for (int a = kDim; a < kModes; ++a) speed[a] = slope[a] = 0;
-  }
-
-  // Each slope is divided by the magnitude that its rounding is relative to.
-  double imbalance = 0;
-  for (int a = 0; a < kModes; ++a) {
-    scale[a] += extent * std::sqrt(total * scale[a]) + rounding * total * extent * extent;
-    if (scale[a] > 0) imbalance += slope[a] * slope[a] / (scale[a] * scale[a]);
-  }
-  for (int a = 0; a < kModes; ++a) {
-    // One that moves no node, or is not wanted, or moves a fixed node.
-    if (!(speed[a] > rounding * extent) || speed_of_fixed[a] > rounding * extent) {
-      for (int b = 0; b < kModes; ++b) curvature(std::max(a, b), std::min(a, b)) = 0;
-      curvature(a, a) = 1;
-      scale[a] = 0;
-      continue;
-    }
-    for (int b = 0; b <= a; ++b) {
-      curvature(a, b) = scale[a] > 0 && scale[b] > 0 ? curvature(a, b) / std::sqrt(scale[a] * scale[b]) : 0;
-    }
-  }
-  ModeMatrix motions;
-  diagonalise(curvature, motions);
-  int order[kModes];
-  std::iota(std::begin(order), std::end(order), 0);
-  const auto flatness = [&](int a) { return std::abs(curvature(a, a)); };
-  std::sort(std::begin(order), std::end(order), [&](int a, int b) { return flatness(a) < flatness(b); });
-  // What is left of the gradient couples motions that do not commute: by s, which takes the curvature of a
-  // free motion beside one of curvature c to s^2 / c.
-  const double next = kModes > 1 ? std::min(1.0, flatness(order[std::min(1, kModes - 1)])) : 1.0;
-  const double coupled = std::min(imbalance, 1e-8) / std::max(next, 0.01);
-  for (const int a : order) {
-    if (!(flatness(a) <= rounding + coupled)) return {};
-    ModeVector motion;
-    for (int b = 0; b < kModes; ++b) {
-      motion[b] = scale[b] > 0 ? motions(b, a) / std::sqrt(scale[b]) : motions(b, a);
-    }
-    if (nodes.resist(begin, end, velocity(axes, centre, extent, motion))) continue;
-    return described(nodes, begin, end, extent, motion,
-                     [&](int i) { return Velocity::transposed_times(axes, at(i) - centre); });
-  }
+  if constexpr (kDim > 2) return search.of_hinges();
   return {};
 }
 
 #ifdef ASTERISM_SOLVER_COMPILED
-extern template ASTERISM_API FreeMotion RigidMotion<2>::find(const RigidNodes<2>&, const int*, const int*,
-                                                             bool);
-extern template ASTERISM_API FreeMotion RigidMotion<3>::find(const RigidNodes<3>&, const int*, const int*,
-                                                             bool);
+extern template ASTERISM_API FreeMotion MotionSearch<2>::find(const MotionView<2>&);
+extern template ASTERISM_API FreeMotion MotionSearch<3>::find(const MotionView<3>&);
 #endif
 
 /// Looks for rigid motions that neither anchors nor fixed nodes hold: of a connected component, and of what
@@ -521,59 +765,57 @@ class FreeMotions {
   FreeMotion find(const System& system, const Points& x) {
     if (is_clearly_held(system, x)) [[likely]]
       return {};
-    mark_offsets(system, x);
-    are_neighbours_listed_ = false;
-    Nodes nodes(*this, system, x);
-    if (const FreeMotion motion = of_components(system, x, nodes)) return motion;
-    if (const FreeMotion motion = of_parts(system, x, nodes)) return motion;
-    if constexpr (kDim > 2) return of_hinges(system, x, nodes);
-    return {};
+    return search(system, x);
   }
 
  private:
   static constexpr int kDim = System::kDim;
-  static constexpr int kMaxNodes = System::kMaxNodes;
-  static constexpr int kMaxLinks = System::TopologyType::kMaxLinks;
-  template <int kMax>
-  using Indices = Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor, kMax, 1>;
-  using NodeIndices = Indices<kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 1>;
-  using Velocity = RigidVelocity<kDim>;
-  using Coordinates = typename RigidNodes<kDim>::Vector;
-  using Block = typename RigidNodes<kDim>::Matrix;
-  using Field = Eigen::Matrix<double, kDim, Eigen::Dynamic, kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor,
-                              kDim, kMaxNodes>;
+  static constexpr bool kBounded = System::kMaxNodes != Eigen::Dynamic;
   static constexpr bool kSprings = std::is_same_v<typename System::Model::LinkPotential, Hooke>;
+  using Node = MotionNode<kDim>;
+  template <typename T, int kMax>
+  using Storage = std::conditional_t<kBounded, std::array<T, static_cast<std::size_t>(kBounded ? kMax : 1)>,
+                                     std::vector<T>>;
 
-  // The system's nodes in double.
-  class Nodes final : public RigidNodes<kDim> {
+  class View final : public MotionView<kDim> {
    public:
-    using Vector = typename RigidNodes<kDim>::Vector;
-    using Matrix = typename RigidNodes<kDim>::Matrix;
+    using Base = MotionView<kDim>;
 
-    Nodes(FreeMotions& search, const System& system, const Points& x)
-        : search_(search), system_(system), x_(x) {}
-    Vector place(int i) const override { return x_.col(i).template cast<double>(); }
-    Vector anchor(int i) const override { return system_.anchors.col(i).template cast<double>(); }
-    double stiffness(int i) const override { return static_cast<double>(system_.anchor_stiffness[i]); }
-    bool is_fixed(int i) const override { return system_.is_fixed(i); }
-    bool has_plain_anchors() const override { return System::kPlainAnchors; }
-    void anchor_spring(int i, Matrix& curvature, Vector& gradient) const override {
-      const typename System::Point d = x_.col(i) - system_.anchors.col(i);
-      curvature = anchor_curvature(system_, i, d, false).template cast<double>();
-      gradient = anchor_force(system_, i, d).gradient.template cast<double>();
+    View(const System& system, const Points& x) : system_(system), x_(x) {}
+
+    bool connects(int l) const override {
+      if (!(system_.link_stiffness[l] > 0)) return false;
+      if constexpr (kSprings) return true;
+      const auto force = link_force(system_, l, spring(l));
+      return force.along != 0 || force.across != 0 || force.tension != 0;
     }
-    bool has_loads() const override { return system_.has_loads(); }
-    Vector load(int i) const override {
-      if (!has_loads()) return Vector::Zero();
-      return system_.loads.col(i).template cast<double>();
+    typename Base::LinkSpring link_spring(int l) const override {
+      const Spring<System> here = spring(l);
+      const auto force = link_force(system_, l, here);
+      typename Base::LinkSpring result;
+      for (int c = 0; c < kDim; ++c) result.direction[c] = static_cast<double>(here.direction[c]);
+      result.along = static_cast<double>(force.along);
+      result.across = static_cast<double>(force.across);
+      result.inverse = static_cast<double>(here.inverse);
+      return result;
     }
-    double rounding() const override { return 64 * double(std::numeric_limits<Scalar>::epsilon()); }
-    bool resist(const int* begin, const int* end, const RigidVelocity<kDim>& motion) const override {
-      return search_.resists(system_, x_, *this, begin, end, motion);
+    void anchor_spring(int i, typename Base::Matrix& curvature,
+                       typename Base::Vector& gradient) const override {
+      const typename System::Point d = anchor_offset(system_, i, x_);
+      const auto block = anchor_curvature(system_, i, d, false);
+      const auto force = anchor_force(system_, i, d).gradient;
+      for (int c = 0; c < kDim; ++c) {
+        for (int r = 0; r < kDim; ++r) curvature(r, c) = static_cast<double>(block(r, c));
+        gradient[c] = static_cast<double>(force[c]);
+      }
     }
 
    private:
-    FreeMotions& search_;
+    Spring<System> spring(int l) const {
+      const Link& link = system_.links()[static_cast<std::size_t>(l)];
+      return detail::spring(system_, link, link_difference(system_, l, link, x_));
+    }
+
     const System& system_;
     const Points& x_;
   };
@@ -588,7 +830,8 @@ class FreeMotions {
       for (int l = 0; l < system.link_count(); ++l) {
         if (!(system.link_stiffness[l] > 0)) return false;
       }
-      if (!system.topology().is_full() && !is_connected(system.nodes(), system.links(), up_)) return false;
+      if (!system.topology().is_full() && !is_connected(system.nodes(), system.links(), members_))
+        return false;
       return hold_of_body<kDim, Scalar, Scalar>(
                  system.nodes(), [&](int i, int c) { return system.anchors(c, i); },
                  [&](int i) { return system.anchor_stiffness[i]; },
@@ -597,285 +840,42 @@ class FreeMotions {
     return false;
   }
 
-  // Whether link l resists anything at x: one of zero stiffness, or a slack cable, does not.
-  static bool connects(const System& system, const Points& x, int l, const Link& link) {
-    if (!(system.link_stiffness[l] > 0)) return false;
-    if constexpr (!kSprings) {
-      const auto force = link_force(system, l, spring(system, link, link_difference(system, l, link, x)));
-      return force.along != 0 || force.across != 0 || force.tension != 0;
-    }
-    return true;
-  }
-
-  template <typename Visit>
-  static void for_each_connection(const System& system, const Points& x, Visit&& visit) {
-    int l = 0;
-    for (const Link& link : system.links()) {
-      if (connects(system, x, l, link)) visit(link, l);
-      ++l;
-    }
-  }
-
-  // The links of each node that connect, by number.
-  void list_neighbours(const System& system, const Points& x) {
-    if (are_neighbours_listed_) return;
-    are_neighbours_listed_ = true;
-    links_.group(system.nodes(), [&](auto&& visit) {
-      for_each_connection(system, x, [&](const Link& link, int l) {
-        visit(link.i, l);
-        visit(link.j, l);
-      });
-    });
-    velocity_.setZero(kDim, system.nodes());
-    inward_.setZero(kDim, system.nodes());
-  }
-
-  // Whether the Hessian resists the motion v of the nodes begin to end, of which anchors seem to know
-  // nothing. Along the path of a motion that changes no energy E, with velocity v = W (x - c) and
-  // acceleration W v,
-  //   0 = E'' = v^T H v + g . W v:
-  // H resists by what is left of the gradient g alone, which shrinks or widens the circles of the path, whose
-  // radii are -W v / w^2 for the angular velocity w. E is an even function of the share s of these that is
-  // left. By the first terms of its series, a s^2 + b s^4, the nodes belong onto the axis (a > 0), where they
-  // do not go anywhere, if
-  //   v^T H v > (W v)^T H (W v) / (3 w^2).
-  bool resists(const System& system, const Points& x, const RigidNodes<kDim>& nodes, const int* begin,
-               const int* end, const RigidVelocity<kDim>& motion) {
-    if (is_zero(motion.turn)) return false;
-    list_neighbours(system, x);
-    const auto reset = [&] {
-      for (const int* m = begin; m != end; ++m) {
-        velocity_.col(*m).setZero();
-        inward_.col(*m).setZero();
-      }
-    };
-    bool moves = false;
-    double extent = 0;
-    double path = 0;  // E'' along it, of anchors and loads
-    double resistance = 0;
-    double inward = 0;
-    double size = 0;  // that the rounding of the resistance is a share of
-    for (const int* m = begin; m != end; ++m) {
-      extent = std::max(extent, largest_size(nodes.place(*m)));
-      if (system.is_fixed(*m)) continue;
-      const Coordinates v = motion.at(nodes.place(*m));
-      const Coordinates w = product(motion.turn, v);
-      moves |= !is_zero(v);
-      velocity_.col(*m) = v;
-      inward_.col(*m) = w;
-      Block block = Block::Zero();
-      Coordinates force = Coordinates::Zero();
-      if (system.anchor_stiffness[*m] > 0) nodes.anchor_spring(*m, block, force);
-      const double bent = v.dot(product(block, v));
-      resistance += bent;
-      inward += w.dot(product(block, w));
-      size += block.norm() * v.squaredNorm();
-      path += bent + w.dot(force - nodes.load(*m));
-    }
-    for (const int* m = begin; m != end; ++m) {
-      if (is_zero(velocity_.col(*m))) continue;
-      for (const int l : links_.of(*m)) {
-        const Link& link = system.links()[static_cast<std::size_t>(l)];
-        const int other = link.i == *m ? link.j : link.i;
-        if (other < *m && !is_zero(velocity_.col(other))) continue;  // counted there
-        const Coordinates v = velocity_.col(*m) - velocity_.col(other);
-        const Coordinates w = inward_.col(*m) - inward_.col(other);
-        const auto spring = detail::spring(system, link, link_difference(system, l, link, x));
-        const auto force = link_force(system, l, spring);
-        const Block block = link_curvature(force, spring).template cast<double>();
-        resistance += v.dot(product(block, v));
-        inward += w.dot(product(block, w));
-        const auto along = static_cast<double>(force.along);
-        const double ratio = extent * static_cast<double>(spring.inverse);
-        const double bend = std::abs(along - static_cast<double>(force.across));
-        if (bend > 0) size += bend * ratio * v.squaredNorm();  // the length's rounding
-        size += std::abs(along) * v.squaredNorm();
-      }
-    }
-    reset();
-    if (!moves) return true;                            // it is no motion
-    const double spin = motion.turn.squaredNorm() / 2;  // w^2
-    return resistance > nodes.rounding() * size &&
-           (2 * std::abs(path) > resistance || 3 * spin * resistance > inward);
-  }
-
-  // The nodes whose links have an offset, which does not turn with them.
-  void mark_offsets(const System& system, const Points& x) {
-    has_offset_.setZero(system.has_offsets() ? system.nodes() : 0);
-    if (!system.has_offsets()) return;
-    int l = 0;
-    for (const Link& link : system.links()) {
-      if (!is_zero(system.rest_offset.col(l)) && connects(system, x, l, link))
-        has_offset_[link.i] = has_offset_[link.j] = 1;
-      ++l;
-    }
-  }
-  bool has_offset(int i) const { return has_offset_.size() > 0 && has_offset_[i] != 0; }
-
-  // The nodes that move in each connected component, and the fixed ones that they are linked to, which hold
-  // each component on its own.
-  FreeMotion of_components(const System& system, const Points& x, const Nodes& nodes) {
+  FreeMotion search(const System& system, const Points& x) {
     const int n = system.nodes();
-    up_.setLinSpaced(n, 0, n - 1);
-    for_each_connection(system, x, [&](const Link& link, int) {
-      if (!system.is_fixed(link.i) && !system.is_fixed(link.j)) up_[root(up_, link.i)] = root(up_, link.j);
-    });
-    const auto for_each_member = [&](auto&& visit) {
-      for (int i = 0; i < n; ++i) {
-        if (!system.is_fixed(i)) visit(root(up_, i), i);
-      }
-      if (system.fixed_count() == 0) return;
-      for_each_connection(system, x, [&](const Link& link, int) {
-        if (system.is_fixed(link.i) == system.is_fixed(link.j)) return;
-        const bool first = system.is_fixed(link.i);
-        visit(root(up_, first ? link.j : link.i), first ? link.i : link.j);
-      });
-    };
-    members_.group(n, for_each_member);
-    for (int r = 0; r < n; ++r) {
-      const std::span<const int> members = members_.of(r);
-      if (members.empty()) continue;
-      const int* const begin = members.data();
-      const int* const end = begin + members.size();
-      const bool turns =
-          std::none_of(begin, end, [&](int i) { return !system.is_fixed(i) && has_offset(i); });
-      if (const FreeMotion motion = RigidMotion<kDim>::find(nodes, begin, end, turns)) return motion;
+    members_.resize(n);
+    if constexpr (!kBounded) {
+      nodes_.resize(static_cast<std::size_t>(n));
+      incident_.resize(2 * system.links().size());
     }
-    return {};
-  }
-
-  // Whether something beside plain links acts on node i.
-  bool is_held_itself(const System& system, int i) const {
-    return system.anchor_stiffness[i] > 0 || system.is_fixed(i) || has_offset(i) ||
-           (system.has_loads() && !is_zero(system.loads.col(i)));
-  }
-
-  // In space, of a single node that has two neighbours alone, about the line through these.
-  FreeMotion of_hinges(const System& system, const Points& x, const Nodes& nodes) {
-    for (int i = 0; i < system.nodes(); ++i) {
-      if (is_held_itself(system, i)) continue;
-      list_neighbours(system, x);
-      FreeMotion motion;
-      bool has_more = false;
-      for (const int l : links_.of(i)) {
-        const Link& link = system.links()[static_cast<std::size_t>(l)];
-        const int j = link.i == i ? link.j : link.i;
-        if (j == motion.about || j == motion.axis) continue;
-        has_more = motion.axis >= 0;
-        if (has_more) break;
-        (motion.about < 0 ? motion.about : motion.axis) = j;
-      }
-      if (has_more || motion.axis < 0) continue;
-      const Coordinates line = nodes.place(motion.axis) - nodes.place(motion.about);
-      const double square = line.squaredNorm();
-      Block along = Block::Zero();
-      if (square > 0) Velocity::add_outer(along, 1 / square, line, line);
-      if (nodes.resist_turns(&i, &i + 1, nodes.place(motion.about), along)) continue;
-      motion.node = i;
-      motion.is_part = true;
-      return motion;
-    }
-    return {};
-  }
-
-  // Finds a part that is attached at a single node and has neither anchor nor load: it can turn about that
-  // node, whatever the node does. These parts are subtrees of a depth first search whose nodes are linked to
-  // none before their parent (Hopcroft & Tarjan 1973).
-  FreeMotion of_parts(const System& system, const Points& x, const Nodes& nodes) {
-    const int n = system.nodes();
-    const auto is_held = [&](int i) { return is_held_itself(system, i); };
-    bool all_held = kDim == 1;
-    if (kDim > 1) {
-      all_held = true;
-      for (int i = 0; all_held && i < n; ++i) all_held = is_held(i);
-    }
-    if (all_held) return {};
-    list_neighbours(system, x);
-    constexpr int kUnseen = -1;
-    time_.setConstant(n, kUnseen);
-    low_.resize(n);
-    next_.resize(n);
-    holds_.resize(n);
-    up_.resize(n);
-    seen_.resize(n);
-    int count = 0;
-    const auto enter = [&](int i, int from) {
-      up_[i] = from;
-      time_[i] = low_[i] = count;
-      next_[i] = 0;
-      holds_[i] = is_held(i);
-      seen_[count++] = i;
-    };
-    for (int start = 0; start < n; ++start) {
-      if (!is_held(start) || time_[start] != kUnseen) continue;
-      enter(start, kUnseen);
-      for (int i = start; i >= 0;) {
-        const std::span<const int> links = links_.of(i);
-        if (next_[i] < static_cast<int>(links.size())) {
-          const Link& link =
-              system.links()[static_cast<std::size_t>(links[static_cast<std::size_t>(next_[i]++)])];
-          const int j = link.i == i ? link.j : link.i;
-          if (time_[j] == kUnseen) {
-            enter(j, i);
-            i = j;
-          } else if (j != up_[i]) {
-            low_[i] = std::min(low_[i], time_[j]);
-          }
-          continue;
-        }
-        const int parent = up_[i];
-        if (parent >= 0) {
-          if (low_[i] >= time_[parent] && holds_[i] == 0 &&
-              !nodes.resist_turns(&seen_[time_[i]], &seen_[count - 1] + 1, nodes.place(parent))) {
-            for (int t = time_[i]; t < count; ++t) {
-              if (is_equal(x.col(seen_[t]), x.col(parent))) continue;
-              FreeMotion motion;
-              motion.node = seen_[t];
-              motion.about = parent;
-              motion.is_part = true;
-              return motion;
-            }
-          }
-          low_[parent] = std::min(low_[parent], low_[i]);
-          holds_[parent] |= holds_[i];
-        }
-        i = parent;
+    View view(system, x);
+    view.nodes = {nodes_.data(), static_cast<std::size_t>(n)};
+    view.links = system.links();
+    view.incident = incident_.data();
+    view.members = members_.data();
+    view.has_plain_anchors = System::kPlainAnchors;
+    view.has_loads = system.has_loads();
+    view.rounding = 64 * static_cast<double>(std::numeric_limits<Scalar>::epsilon());
+    for (int i = 0; i < n; ++i) {
+      Node& node = view.nodes[static_cast<std::size_t>(i)] = {};
+      node.stiffness = static_cast<double>(system.anchor_stiffness[i]);
+      node.is_fixed = system.is_fixed(i);
+      for (int c = 0; c < kDim; ++c) {
+        node.place[c] = static_cast<double>(x(c, i));
+        node.anchor[c] = static_cast<double>(system.anchors(c, i));
+        if (view.has_loads) node.load[c] = static_cast<double>(system.loads(c, i));
       }
     }
-    return {};
+    for (int l = 0; system.has_offsets() && l < system.link_count(); ++l) {
+      if (is_zero(system.rest_offset.col(l)) || !view.connects(l)) continue;
+      const Link& link = view.links[static_cast<std::size_t>(l)];
+      for (const int end : {link.i, link.j}) view.nodes[static_cast<std::size_t>(end)].has_offset = true;
+    }
+    return MotionSearch<kDim>::find(view);
   }
 
-  // Numbers by key, of 0 to keys - 1.
-  struct Groups {
-    NodeIndices first;  // of a key
-    Indices<kMaxLinks == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 2 * kMaxLinks> entries;
-
-    std::span<const int> of(int key) const {
-      return {entries.data() + first[key], entries.data() + first[key + 1]};
-    }
-
-    // Those that for_each(visit) calls visit(key, value) with.
-    template <typename ForEach>
-    void group(int keys, ForEach&& for_each) {
-      first.setZero(keys + 1);
-      for_each([this](int key, int) { ++first[key]; });
-      int sum = 0;
-      for (int& f : first) sum += std::exchange(f, sum);
-      entries.resize(std::max(1, sum));
-      for_each([this](int key, int value) { entries[first[key]++] = value; });
-      for (int k = keys; k > 0; --k) first[k] = first[k - 1];
-      first[0] = 0;
-    }
-  };
-
-  NodeIndices up_;  // towards the root
-  Groups members_;  // of the components
-  Groups links_;    // of the nodes, if are_neighbours_listed_
-  bool are_neighbours_listed_ = false;
-  Field velocity_;  // of nodes that may move, 0 between uses
-  Field inward_;
-  NodeIndices time_, low_, next_, holds_, seen_;  // of the search
-  NodeIndices has_offset_;                        // empty where no link has one
+  ComponentScratch<System> members_;
+  Storage<Node, System::kMaxNodes> nodes_;
+  Storage<int, 2 * System::TopologyType::kMaxLinks> incident_;
 };
 
 }  // namespace detail

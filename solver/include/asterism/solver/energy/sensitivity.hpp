@@ -238,15 +238,6 @@ struct SolutionTangent {
 
 namespace detail {
 
-/// No entries, or NaN where the size is fixed.
-template <typename Values>
-void clear_numbers(Values& values) {
-  constexpr int kRows = Values::RowsAtCompileTime;
-  constexpr int kColumns = Values::ColsAtCompileTime;
-  values.resize(kRows == Eigen::Dynamic ? 0 : kRows, kColumns == Eigen::Dynamic ? 0 : kColumns);
-  values.setConstant(std::numeric_limits<typename Values::Scalar>::quiet_NaN());
-}
-
 /// A factored Hessian at a strict local minimum x of a system.
 template <typename System>
 class ImplicitSolver {

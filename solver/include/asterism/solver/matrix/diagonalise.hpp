@@ -3,6 +3,7 @@
 #include <asterism/solver/base/config.hpp>
 #include <cmath>
 #include <limits>
+#include <type_traits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -11,9 +12,9 @@ namespace detail {
 /// Eigenvalues of the symmetric matrix whose lower triangle is A's, onto its diagonal, and eigenvectors, the
 /// columns of V, by Jacobi's rotations (Golub & Van Loan, section 8.5). Some microseconds; Eigen's solver
 /// takes seconds to compile for each size and scalar.
-template <typename Scalar, int kSize>
-void diagonalise(Eigen::Matrix<Scalar, kSize, kSize, Eigen::ColMajor>& A,
-                 Eigen::Matrix<Scalar, kSize, kSize, Eigen::ColMajor>& V) {
+template <typename Matrix>
+void diagonalise(Matrix& A, Matrix& V) {
+  using Scalar = std::remove_cvref_t<decltype(A(0, 0))>;
   constexpr int kMaxSweeps = 30;  // five or six do: convergence is quadratic
   const Eigen::Index n = A.rows();
   V.setIdentity(n, n);

@@ -3,14 +3,27 @@
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/full_springs.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <limits>
+#include <type_traits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
+
+/// v^T K_dyn v for all coordinates.
+template <typename System>
+typename System::Scalar stiffness_along(const System& system, const typename System::Points& v) {
+  typename System::Scalar sum = 0;
+  for (int i = 0; i < system.nodes(); ++i) sum += system.anchor_stiffness[i] * v.col(i).squaredNorm();
+  int l = 0;
+  for (const Link& link : system.links())
+    sum += system.link_stiffness[l++] * (v.col(link.i) - v.col(link.j)).squaredNorm();
+  return sum;
+}
 
 /// The minimiser along a direction of IDA's quadratic, which lies above the energy: the longest step that is
 /// known to lower the energy without looking, whatever the direction of descent. `slope` is the gradient
@@ -18,15 +31,7 @@ namespace detail {
 template <typename System>
 typename System::Scalar majorised_step(const System& system, const typename System::Points& direction,
                                        typename System::Scalar slope) {
-  typename System::Scalar curvature = 0;
-  for (int i = 0; i < system.nodes(); ++i) {
-    curvature += system.anchor_stiffness[i] * direction.col(i).squaredNorm();
-  }
-  int l = 0;
-  for (const Link& link : system.links()) {
-    curvature += system.link_stiffness[l++] * (direction.col(link.i) - direction.col(link.j)).squaredNorm();
-  }
-  return -slope / curvature;
+  return -slope / stiffness_along(system, direction);
 }
 
 /// The direction of descent -A^-1 g for the nodes' stiffness A; zero for nodes without.
@@ -48,11 +53,20 @@ class DescentState {
 
   /// Energy and gradient at the start x.
   void start(const System& system, const Points& x, Summary& summary) {
-    energy_ = lowest_ = energy_and_gradient(system, x, gradient_);
+#ifdef ASTERISM_SOLVER_COMPILED
+    if constexpr (kServes) {
+      has_springs_ = system.nodes() >= kLeastNodes && system.nodes() <= kMostNodes &&
+                     Springs::serve(system) && lanes_v0_1::has_fast_roots();
+      if (has_springs_) springs_.set(system);
+    }
+#endif
+    energy_ = lowest_ = evaluate(system, x, gradient_);
     ++summary.energy_evaluations, ++summary.gradient_evaluations;
   }
 
   Scalar energy() const { return energy_; }
+  /// Whether energies and gradients are rounded as those of all methods.
+  bool rounds_alike() const { return !has_springs_; }
   const Points& gradient() const { return gradient_; }
   const Points& previous_gradient() const { return other_gradient_; }
   Scalar slope() const { return slope_; }  ///< along the last direction, at the point that it led to
@@ -70,7 +84,7 @@ class DescentState {
     Scalar sure = -1;
     while (true) {
       other_x_ = x + step * direction;
-      const Scalar energy = energy_and_gradient(system, other_x_, other_gradient_);
+      const Scalar energy = evaluate(system, other_x_, other_gradient_);
       ++summary.energy_evaluations, ++summary.gradient_evaluations;
       slope_ = other_gradient_.cwiseProduct(direction).sum();
       const bool lower = energy <= energy_ + kDecrease * step * slope;
@@ -95,6 +109,30 @@ class DescentState {
   }
 
  private:
+  using Springs = FullSprings<System>;
+  struct Nothing {};
+  // For which numbers of nodes the kernel pays.
+  static constexpr int kLeastNodes = 6;
+  static constexpr int kMostNodes = 40;
+  static constexpr bool kServes =
+      Springs::kServes && (System::kMaxNodes == Eigen::Dynamic ||
+                           (System::kMaxNodes >= kLeastNodes && System::kMaxNodes <= kMostNodes));
+
+  Scalar evaluate(const System& system, const Points& x, Points& gradient) {
+#ifdef ASTERISM_SOLVER_COMPILED
+    if constexpr (kServes) {
+      Scalar energy = 0;
+      if (has_springs_ && springs_.differentiate(system, x, false, gradient, nullptr, 0, energy)) {
+        clear_fixed(system, gradient);
+        return energy;
+      }
+    }
+#endif
+    return energy_and_gradient(system, x, gradient);
+  }
+
+  std::conditional_t<kServes, Springs, Nothing> springs_;
+  bool has_springs_ = false;
   Points gradient_;
   Points other_x_;
   Points other_gradient_;

@@ -160,7 +160,9 @@ class Newton {
   // Hessian was nearly singular before. Nodes may be much nearer to each other than an anchor is that is far
   // off.
   bool may_turn_indefinite(Scalar square, const Points& x) const {
-    const Point centroid = x.rowwise().mean();
+    Point centroid = Point::Zero();
+    for (Eigen::Index i = 0; i < x.cols(); ++i) centroid += x.col(i);
+    centroid /= static_cast<Scalar>(x.cols());
     Scalar spread = 0;
     for (Eigen::Index i = 0; i < x.cols(); ++i) spread += (x.col(i) - centroid).squaredNorm();
     const Scalar length = session_.length(), flat = kFlatShare * matrix_.least_pivot();
@@ -281,7 +283,7 @@ class Newton {
     const Scalar curvature = descent_from_saddle(system, x);
     if (!(curvature < 0)) return false;
     const Scalar t =
-        detail::step_off_saddle(system, x, energy_, session_.length(), curvature, step_, next_x_, summary);
+        detail::step_off_saddle(session_, system, x, energy_, curvature, step_, next_x_, summary);
     if (t == 0) return false;
     detail::step_from(x, t, step_, next_x_);
     const Scalar next = assemble(system, next_x_, next_gradient_, summary);

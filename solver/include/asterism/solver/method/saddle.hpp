@@ -5,6 +5,7 @@
 #include <asterism/solver/base/numbers.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/method/descent.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/summary.hpp>
@@ -42,30 +43,19 @@ typename System::Scalar direction_off_peak(const System& system, const typename 
   return -system.link_stiffness[l];
 }
 
-/// v^T K_dyn v for all coordinates.
-template <typename System>
-typename System::Scalar stiffness_along(const System& system, const typename System::Points& v) {
-  typename System::Scalar sum = 0;
-  for (int i = 0; i < system.nodes(); ++i) sum += system.anchor_stiffness[i] * v.col(i).squaredNorm();
-  int l = 0;
-  for (const Link& link : system.links())
-    sum += system.link_stiffness[l++] * (v.col(link.i) - v.col(link.j)).squaredNorm();
-  return sum;
-}
-
 /// The way down from a saddle x of the given energy along `direction`, whose curvature is negative: scales
-/// the direction to the characteristic `length` and returns the longest of ever shorter steps along it,
+/// the direction to the characteristic length and returns the longest of ever shorter steps along it,
 /// negative for the other side, that lowers the energy by a tenth of what the curvature promises, up to that
 /// of K_dyn; 0 if none does. `trial` is scratch.
 template <typename System>
-typename System::Scalar step_off_saddle(const System& system, const typename System::Points& x,
-                                        typename System::Scalar here, typename System::Scalar length,
+typename System::Scalar step_off_saddle(Session<System>& session, const System& system,
+                                        const typename System::Points& x, typename System::Scalar here,
                                         typename System::Scalar curvature, typename System::Points& direction,
                                         typename System::Points& trial, Summary& summary) {
   using Scalar = typename System::Scalar;
   Scalar farthest = 0;
   for (int i = 0; i < system.nodes(); ++i) farthest = std::max(farthest, direction.col(i).squaredNorm());
-  const Scalar scale = length / std::sqrt(farthest);
+  const Scalar scale = session.length() / std::sqrt(farthest);
   direction *= scale;
   // Where linked nodes nearly coincide, the curvature has no limit, but holds over next to no distance.
   curvature = std::max(curvature * scale * scale, -stiffness_along(system, direction));
@@ -74,9 +64,11 @@ typename System::Scalar step_off_saddle(const System& system, const typename Sys
   Scalar t = Scalar(0.5);
   for (int halving = 0; halving < kMaxHalvings; ++halving, t /= 2) {
     step_from(x, t, direction, trial);
-    const Scalar ahead = energy(system, trial);
+    session.evaluate(system, trial);
+    const Scalar ahead = session.energy();
     step_from(x, -t, direction, trial);
-    const Scalar behind = energy(system, trial);
+    session.evaluate(system, trial);
+    const Scalar behind = session.energy();
     summary.energy_evaluations += 2;
     if (std::min(ahead, behind) < here + t * t * curvature / 20 - rounding) return ahead <= behind ? t : -t;
   }

@@ -101,8 +101,9 @@ class Session {
       if (!on_iteration_) return;
     }
     using View = Eigen::Map<const Eigen::MatrixXd>;
-    const auto energy = static_cast<double>(asterism::energy(*system_, x));
     const double norm = gradient.template cast<double>().norm();
+    evaluate(*system_, x);
+    const auto energy = static_cast<double>(energy_);
     if constexpr (std::is_same_v<Scalar, double>) {
       is_stopped_ |= !on_iteration_({iteration, energy, norm, View(x.data(), x.rows(), x.cols())});
     } else {
@@ -214,7 +215,7 @@ class Session {
       if (const int i = detail::first_floating_load(given, scratch_); i >= 0) {
         summary.message = Defect{"node", i, "has a load and is in a connected component that nothing holds"};
       } else {
-        system = grounded(given);
+        if (detail::first_floating_node(given, scratch_) >= 0) system = grounded(given);
       }
     } else if (const Defect floating = detail::validate_components(given, scratch_)) {
       summary.message = floating;
@@ -247,8 +248,7 @@ class Session {
 
   // Fixes one node of each component that no anchor holds: the energy of such a component does not change as
   // it moves, and this keeps it where the start has it.
-  const System* grounded(const System& given) {
-    if (detail::first_floating_node(given, scratch_) < 0) return &given;
+  [[gnu::cold]] const System* grounded(const System& given) {
     grounded_ = given;
     detail::for_each_floating_component(given, scratch_, [this](int i) { grounded_->fix(i); });
     return &*grounded_;
