@@ -13,4 +13,12 @@ namespace asterism::lanes_v0_1 {
 
 ASTERISM_FOR_EACH_KERNEL(ASTERISM_RUN)
 
+bool has_fast_roots() {
+#ifdef ASTERISM_LANES_X86
+  return has_avx512();  // which estimates them
+#else
+  return false;
+#endif
+}
+
 }  // namespace asterism::lanes_v0_1

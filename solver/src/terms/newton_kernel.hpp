@@ -36,20 +36,28 @@ ASTERISM_INLINE void couple(const SpringHessian& springs, std::ptrdiff_t i, std:
   }
 }
 
-template <int kDim>
+template <int kDim, bool kWithHessian>
 double differentiate_in(const SpringHessian& springs) {
   constexpr int kEntries = kDim * (kDim + 1) / 2;
   const V zero = L::set(0), least = L::set(kLeastLengthSquare);
   const V least_across = L::set(springs.clamp ? 0 : -__builtin_inf());
-  V energy = zero;
-  auto is_short = L::less(zero, zero);
+  V energy = zero, short_ones = zero;  // the stiffness of springs that are too short
   for (std::ptrdiff_t i = 0; i < springs.nodes; i += L::kLanes) {
-    V points[kDim], gradient[kDim], own[kEntries];
-    for (int c = 0; c < kDim; ++c) {
-      points[c] = L::load(springs.points + c * springs.stride + i);
-      gradient[c] = L::load(springs.gradient + c * springs.stride + i);
+    V points[kDim], gradient[kDim], own[kEntries] = {};
+    for (int c = 0; c < kDim; ++c) points[c] = L::load(springs.points + c * springs.stride + i);
+    if (springs.anchors != nullptr) {
+      const V k = L::load(springs.anchor_stiffness + i);
+      for (int c = 0; c < kDim; ++c) {
+        const V d = points[c] - L::load(springs.anchors + c * springs.stride + i);
+        gradient[c] = k * d;
+        energy = L::fma(gradient[c] + gradient[c], d, energy);
+        own[c * (c + 3) / 2] = k;
+      }
+    } else {
+      for (int c = 0; c < kDim; ++c) gradient[c] = L::load(springs.gradient + c * springs.stride + i);
+      for (int e = 0; kWithHessian && e < kEntries; ++e)
+        own[e] = L::load(springs.own + e * springs.stride + i);
     }
-    for (int e = 0; e < kEntries; ++e) own[e] = L::load(springs.own + e * springs.stride + i);
     // Each spring is met from both of its ends, so that nothing has to be added across lanes.
     for (std::ptrdiff_t j = 0; j < springs.nodes; ++j) {
       const V k = L::load(springs.stiffness + j * springs.stride + i);
@@ -58,14 +66,18 @@ double differentiate_in(const SpringHessian& springs) {
         d[c] = points[c] - L::set(springs.points[c * springs.stride + j]);
         square = L::fma(d[c], d[c], square);
       }
-      is_short = L::either(is_short, L::both(L::less(square, least), L::less(zero, k)));
+      short_ones = L::select(L::less(square, least), L::max(short_ones, k), short_ones);
       square = L::max(square, least);
       const V inverse = L::inverse_sqrt(square);
-      // Where springs are nearly at rest, the rounding of a length is what limits their force.
-      const V length = L::sqrt(square, inverse);
+      // Where springs are nearly at rest, the rounding of a length is what limits Newton's steps.
+      const V length = kWithHessian ? L::sqrt(square, inverse) : square * inverse;
       const V stretch = length - L::load(springs.rest_length + j * springs.stride + i);
       const V tension = k * stretch, force = tension * inverse;
       energy = L::fma(tension, stretch, energy);
+      if constexpr (!kWithHessian) {
+        for (int c = 0; c < kDim; ++c) gradient[c] = L::fma(force, d[c], gradient[c]);
+        continue;
+      }
       const V across = L::max(least_across, force), difference = k - across;
       V curvature[kEntries];
       for (int c = 0, e = 0; c < kDim; ++c) {
@@ -82,20 +94,22 @@ double differentiate_in(const SpringHessian& springs) {
       energy = L::fma(gradient[c], zero, energy);
       L::store(springs.gradient + c * springs.stride + i, gradient[c]);
     }
-    for (int e = 0; e < kEntries; ++e) L::store(springs.own + e * springs.stride + i, own[e]);
+    for (int e = 0; kWithHessian && e < kEntries; ++e) L::store(springs.own + e * springs.stride + i, own[e]);
   }
-  for (std::ptrdiff_t j = 0; j < springs.nodes; ++j) {
+  for (std::ptrdiff_t j = 0; kWithHessian && j < springs.nodes; ++j) {
     double* const block = springs.hessian + kDim * j * (springs.rows + 1);
     for (int column = 0; column < kDim; ++column) {
       for (int row = column; row < kDim; ++row)
         block[column * springs.rows + row] = springs.own[(row * (row + 1) / 2 + column) * springs.stride + j];
     }
   }
-  return L::bits(is_short) != 0 ? __builtin_inf() : L::sum(energy) / 4;
+  return L::bits(L::less(zero, short_ones)) != 0 ? __builtin_inf() : L::sum(energy) / 4;
 }
 
 double run_with_these_instructions(const SpringHessian& springs) {
-  return springs.dim == 2 ? differentiate_in<2>(springs) : differentiate_in<3>(springs);
+  if (springs.hessian == nullptr)
+    return springs.dim == 2 ? differentiate_in<2, false>(springs) : differentiate_in<3, false>(springs);
+  return springs.dim == 2 ? differentiate_in<2, true>(springs) : differentiate_in<3, true>(springs);
 }
 
 // Gauss's elimination without pivoting, as NewtonMatrix has it, of two columns at a time. Vectors begin at

@@ -16,7 +16,7 @@ inline namespace ASTERISM_ABI {
 namespace detail {
 
 /// Hooke's springs between all pairs of nodes, from each of their ends, for the kernel that computes their
-/// Hessian in the machine's widest vectors. The kernel is in the compiled library.
+/// gradient and Hessian in the machine's widest vectors. The kernel is in the compiled library.
 template <typename System>
 class FullSprings {
  public:
@@ -53,25 +53,36 @@ class FullSprings {
         rest_length[i * stride_ + j] = rest_length[j * stride_ + i] = *from_length++;
       }
     }
+    are_anchors_plain_ = System::kPlainAnchors && !system.has_loads();
+    double* const anchors = rows_.data() + (2 * kDim + kEntries) * stride_;
+    for (int i = 0; i < nodes_; ++i) {
+      if (!(system.anchor_stiffness[i] > 0)) continue;
+      for (int c = 0; c < kDim; ++c) anchors[c * stride_ + i] = system.anchors(c, i);
+      anchors[kDim * stride_ + i] = system.anchor_stiffness[i];
+    }
   }
 
   /// Writes gradient and Hessian of all springs and anchors at x, and their energy. See
-  /// lanes_v0_1::SpringHessian for the matrix. False where a spring is too short for the kernel, or the
-  /// result is not finite.
+  /// lanes_v0_1::SpringHessian for the matrix; without one, the gradient alone. False where a spring is too
+  /// short for the kernel, or the result is not finite.
   bool differentiate(const System& system, const Points& x, bool clamp, Points& gradient, double* hessian,
                      std::ptrdiff_t rows, double& energy) {
     double* const points = rows_.data();
     double* const forces = points + kDim * stride_;
     double* const own = forces + kDim * stride_;
-    double anchors = 0;
+    double* const anchors = own + kEntries * stride_;
     for (int i = 0; i < nodes_; ++i) {
+      for (int c = 0; c < kDim; ++c) points[c * stride_ + i] = x(c, i);
+    }
+    energy = 0;
+    for (int i = 0; !are_anchors_plain_ && i < nodes_; ++i) {
       const auto offset = anchor_offset(system, i, x);
       const auto node = node_force(system, i, x, offset);
+      energy += node.energy;
+      for (int c = 0; c < kDim; ++c) forces[c * stride_ + i] = node.gradient[c];
+      if (hessian == nullptr) continue;
       const auto curvature = anchor_curvature(system, i, offset, clamp);
-      anchors += node.energy;
       for (int c = 0, entry = 0; c < kDim; ++c) {
-        points[c * stride_ + i] = x(c, i);
-        forces[c * stride_ + i] = node.gradient[c];
         for (int r = 0; r <= c; ++r, ++entry) own[entry * stride_ + i] = curvature(r, c);
       }
     }
@@ -81,12 +92,14 @@ class FullSprings {
                                             .stiffness = springs_.data(),
                                             .rest_length = springs_.data() + nodes_ * stride_,
                                             .points = points,
+                                            .anchors = are_anchors_plain_ ? anchors : nullptr,
+                                            .anchor_stiffness = anchors + kDim * stride_,
                                             .clamp = clamp,
                                             .gradient = forces,
                                             .own = own,
                                             .hessian = hessian,
                                             .rows = rows};
-    energy = anchors + lanes_v0_1::differentiate(springs);
+    energy += lanes_v0_1::differentiate(springs);
     if (!is_finite(energy)) [[unlikely]]
       return false;
     gradient.resize(kDim, nodes_);
@@ -100,7 +113,8 @@ class FullSprings {
   static constexpr int kDim = System::kDim;
   static constexpr int kMaxNodes = System::kMaxNodes;
   static constexpr int kMostNodes = 128;
-  static constexpr std::size_t kRows = kDim + kDim + kDim * (kDim + 1) / 2;  // for each node
+  static constexpr int kEntries = kDim * (kDim + 1) / 2;
+  static constexpr std::size_t kRows = kDim + kDim + kEntries + kDim + 1;  // for each node
   static constexpr std::size_t kMaxStride =
       kMaxNodes == Eigen::Dynamic ? 0 : static_cast<std::size_t>(lanes_v0_1::aligned_rows(kMaxNodes));
   template <std::size_t kCount>
@@ -110,7 +124,8 @@ class FullSprings {
   int nodes_ = 0;
   std::ptrdiff_t stride_ = 0;
   Storage<2 * kMaxStride * kMaxStride> springs_{};  // stiffness and rest length, a row for each node
-  Storage<kRows * kMaxStride> rows_{};              // coordinates, gradient and own blocks
+  Storage<kRows * kMaxStride> rows_{};  // coordinates, gradient, own blocks, anchors and their stiffness
+  bool are_anchors_plain_ = false;      // the kernel knows them
 };
 
 }  // namespace detail

@@ -18,23 +18,31 @@ constexpr std::ptrdiff_t aligned_rows(std::ptrdiff_t count) {
 /// Hooke's springs between all pairs of nodes. What has a number for each node is followed by zeros up to
 /// `stride`.
 struct SpringHessian {
-  int nodes;                  ///< their number
-  int dim;                    ///< 2 or 3
-  std::ptrdiff_t stride;      ///< aligned_rows(nodes)
-  const double* stiffness;    ///< `stride` numbers for each node, its springs to all nodes; 0 to itself
-  const double* rest_length;  ///< likewise
-  const double* points;       ///< a row of `stride` numbers for each coordinate
-  bool clamp;                 ///< without negative curvature
-  double* gradient;           ///< as `points`: that of the springs is added
-  /// The nodes' own blocks of the Hessian, symmetric: a row for each of (0, 0), (0, 1), (1, 1), (0, 2), ...;
-  /// in the end the sums with those of the springs.
+  int nodes;                       ///< their number
+  int dim;                         ///< 2 or 3
+  std::ptrdiff_t stride;           ///< aligned_rows(nodes)
+  const double* stiffness;         ///< `stride` numbers for each node, its springs to all nodes; 0 to itself
+  const double* rest_length;       ///< likewise
+  const double* points;            ///< a row of `stride` numbers for each coordinate
+  const double* anchors;           ///< as `points`; null where they are in `gradient` and `own` before
+  const double* anchor_stiffness;  ///< a number for each node
+  bool clamp;                      ///< without negative curvature
+  double* gradient;                ///< as `points`
+  /// The nodes' own blocks of the Hessian, symmetric: a row for each of (0, 0), (0, 1), (1, 1), (0, 2), ...
   double* own;
-  double* hessian;      ///< its lower triangle, column after column, the nodes' coordinates side by side
+  /// Its lower triangle, column after column, the nodes' coordinates side by side; or null, for the gradient
+  /// alone.
+  double* hessian;
   std::ptrdiff_t rows;  ///< from one column to the next: at least dim * stride
 };
 
-/// The energy of the springs; not finite where a spring is shorter than the root of kLeastLengthSquare, or
-/// the gradient is not finite. Numbers of the Hessian above the diagonal and below its last row are finite.
+/// Whether the gradient alone is found faster from both ends of each spring than from one: where a root is
+/// no slower than some products.
+ASTERISM_API bool has_fast_roots();
+
+/// The energy of springs and `anchors`; not finite where a spring is shorter than the root of
+/// kLeastLengthSquare, or the gradient is not finite. Numbers of the Hessian above the diagonal and below its
+/// last row are finite.
 ASTERISM_API double differentiate(const SpringHessian& springs);
 
 /// A symmetric matrix and a right-hand side.

@@ -210,9 +210,13 @@ class StoppingRule {
   /// A_ii, see asterism::node_stiffness.
   const typename System::NodeVector& node_stiffness() const { return stiffness_; }
   Scalar stationarity(const typename System::Points& gradient) const { return std::sqrt(square(gradient)); }
-  /// Whether the tolerance is met. Also true for a gradient with NaN, which no further iteration can cure.
+  /// Whether the tolerance is met, by all but nodes of which the gradient is NaN, which no further iteration
+  /// can cure.
   bool reached(const typename System::Points& gradient) const {
-    return !(square(gradient) > tolerance_ * tolerance_);
+    for (int i = 0; i < weights_.size(); ++i) {
+      if (square_of(gradient, i) > tolerance_ * tolerance_) return false;
+    }
+    return true;
   }
 
   /// Whether each force would move its node by a few times the rounding of its coordinates at most, `share`

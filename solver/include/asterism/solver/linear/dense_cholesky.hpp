@@ -4,12 +4,15 @@
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/energy/newton_kernels.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/linear/vector_kernels.hpp>
 #include <asterism/solver/matrix/dense_factor.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <cmath>
 #include <limits>
 #include <string_view>
+#include <type_traits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -17,8 +20,8 @@ inline namespace ASTERISM_ABI {
 namespace detail {
 
 /// Solves with a symmetric positive definite matrix K for a few right-hand sides, as K_dyn's: by its inverse
-/// for up to 40 nodes, which the paper suggests and which is several times faster there than two triangular
-/// solves, by Cholesky's factors beyond.
+/// for up to 40 nodes, or 64 with wide vectors, which the paper suggests and which is several times faster
+/// there than two triangular solves, by Cholesky's factors beyond.
 ///
 /// A step M^-1 g lowers every energy that K majorises if M is above K / 2. An inverse may be off by
 /// eps cond(K) of itself, which by cond(K) = eps^-1/2 makes M anything; Cholesky's factors are those of
@@ -62,16 +65,27 @@ class SpdSolver {
 
   /// x <- x - matrix^-1 b, both kDim x N.
   void descend(const Points& b, Points& x) {
+    const int n = static_cast<int>(x.cols());
     if (!is_inverse_) [[unlikely]] {
       right_hand_side_ = b.transpose();
       DenseFactor<Scalar>::solve(factor_.data(), diagonal_.data(), factor_.rows(), right_hand_side_.data(),
                                  kDim);
       x -= right_hand_side_.transpose();
-    } else if (x.cols() <= kSmall) {
-      x.noalias() -= b.lazyProduct(inverse_);  // which is symmetric
+#ifdef ASTERISM_SOLVER_COMPILED
+    } else if (has_kernels(n)) {
+      if constexpr (kHasKernels)
+        lanes_v0_1::subtract({inverse_.data(), inverse_.rows(), n, kDim, b.data(), x.data()});
+#endif
+    } else if (n <= kSmall) {
+      x.noalias() -= b.lazyProduct(inverse_.topRows(n));  // which is symmetric
     } else {
       multiply_by_inverse(b, x);
     }
+  }
+
+  /// Whether vectors of the widest instructions serve so many nodes.
+  static bool has_kernels(int nodes) {
+    return kHasKernels && nodes <= lanes_v0_1::kMostInverted && kDim * nodes >= lanes_v0_1::kLeastKernelSize;
   }
 
  private:
@@ -87,20 +101,27 @@ class SpdSolver {
   bool invert(Scalar rounding) {
     using Four = Eigen::Array<Scalar, 4, 1>;
     const int n = static_cast<int>(matrix_.rows());
-    inverse_.resize(n, n);
+    inverse_.setZero(rows(n), n);
     for (int j = 0; j < n; ++j) {
       for (int i = 0; i < j; ++i) inverse_(i, j) = matrix_(j, i);
       for (int i = j; i < n; ++i) inverse_(i, j) = matrix_(i, j);
     }
+#ifdef ASTERISM_SOLVER_COMPILED
+    if constexpr (kHasKernels) {
+      if (has_kernels(n))
+        return lanes_v0_1::invert({inverse_.data(), inverse_.rows(), n, rounding, diagonal_.data()});
+    }
+#endif
+    const Eigen::Index stride = inverse_.rows();
     right_hand_side_.resize(n, kDim);
     const Scalar* const column = right_hand_side_.col(0).data();
     for (int p = 0; p < n; ++p) {
       const Scalar pivot = inverse_(p, p);
       if (!(pivot > rounding * diagonal_[p])) return false;
       const Scalar inverse = 1 / pivot;
-      right_hand_side_.col(0) = inverse_.col(p);
+      right_hand_side_.col(0) = inverse_.col(p).head(n);
       Scalar* to = inverse_.data();
-      for (int j = 0; j < n; ++j, to += n) {
+      for (int j = 0; j < n; ++j, to += stride) {
         const Scalar factor = column[j] * inverse;
         int i = 0;
         for (; i + 4 <= n; i += 4) {
@@ -108,9 +129,9 @@ class SpdSolver {
         }
         for (; i < n; ++i) to[i] -= factor * column[i];
       }
-      inverse_.col(p) = right_hand_side_.col(0) * inverse;
+      inverse_.col(p).head(n) = right_hand_side_.col(0) * inverse;
       to = inverse_.data() + p;
-      for (int i = 0; i < n; ++i, to += n) *to = column[i] * inverse;
+      for (int i = 0; i < n; ++i, to += stride) *to = column[i] * inverse;
       inverse_(p, p) = -inverse;
     }
     inverse_ = -inverse_;
@@ -138,16 +159,31 @@ class SpdSolver {
     }
   }
 
-  static constexpr Scalar kRaise = 4 * std::numeric_limits<Scalar>::epsilon();
+#ifdef ASTERISM_SOLVER_COMPILED
+  static constexpr bool kHasKernels =
+      std::is_same_v<Scalar, double> && kDim <= 3 &&
+      (kMaxNodes == Eigen::Dynamic || kDim * kMaxNodes >= lanes_v0_1::kLeastKernelSize);
+#else
+  static constexpr bool kHasKernels = false;
+#endif
   static constexpr int kSmall = 6;
-  static constexpr int kInverseUpTo = 40;
+  // Rows of the inverse, as the kernels want them. One layout for all, whether or not there are kernels.
+  static constexpr bool kIsPadded = kMaxNodes == Eigen::Dynamic || kMaxNodes > kSmall;
+  static constexpr int rows(int nodes) {
+    if (nodes == Eigen::Dynamic || !kIsPadded) return nodes;
+    return static_cast<int>(lanes_v0_1::aligned_rows(nodes));
+  }
+  using Inverse = Eigen::Matrix<Scalar, rows(kNodes), kNodes, Eigen::ColMajor, rows(kMaxNodes), kMaxNodes>;
+
+  static constexpr Scalar kRaise = 4 * std::numeric_limits<Scalar>::epsilon();
+  static constexpr int kInverseUpTo = kHasKernels ? lanes_v0_1::kMostInverted : 40;
   // One node makes a row vector of it, which Eigen wants in row-major order.
   static constexpr int kOrder = kMaxNodes == 1 && kDim > 1 ? Eigen::RowMajor : Eigen::ColMajor;
   using RightHandSide = Eigen::Matrix<Scalar, kNodes, kDim, kOrder, kMaxNodes, kDim>;
   using Vector = Eigen::Matrix<Scalar, kNodes, 1, Eigen::ColMajor, kMaxNodes, 1>;
 
   Matrix matrix_;
-  Matrix inverse_;
+  Inverse inverse_;
   bool is_inverse_ = false;  // whether that serves, or Cholesky's factor
   Matrix factor_;            // L, in the lower triangle
   RightHandSide right_hand_side_;
@@ -181,8 +217,8 @@ void assemble_k_dyn(const System& system, const typename System::NodeVector& nod
 
 }  // namespace detail
 
-/// Factorisation policy of Ida: dense Cholesky (LLT) of K_dyn, for up to 40 nodes its inverse where it is
-/// well enough conditioned. Ida's gradient form corrects the rounding of either.
+/// Factorisation policy of Ida: dense Cholesky (LLT) of K_dyn, for up to 40 or 64 nodes its inverse where it
+/// is well enough conditioned. Ida's gradient form corrects the rounding of either.
 template <typename System>
 class DenseCholesky {
  public:
@@ -199,17 +235,22 @@ class DenseCholesky {
     // springs.
     return solver_.factorize(8 * std::numeric_limits<Scalar>::epsilon(), true);
   }
+  /// Whether vectors of the widest instructions serve so many nodes.
+  static bool has_kernels(int nodes) { return Solver::has_kernels(nodes); }
 
   /// x <- x - K_dyn^-1 g, all dimensions at once.
   void descend(const Points& gradient, Points& x) { solver_.descend(gradient, x); }
 
  private:
-  detail::SpdSolver<Scalar, System::kDim, System::kNodes, System::kMaxNodes> solver_;
+  using Solver = detail::SpdSolver<Scalar, System::kDim, System::kNodes, System::kMaxNodes>;
+
+  Solver solver_;
   typename System::NodeVector node_stiffness_;
 };
 
 /// Metric of Lbfgs, which a rounded step serves as well as an exact one: DenseCholesky in single precision,
-/// which is twice as fast, or in that of the system where the anchors are too weak for it.
+/// which is twice as fast, or in that of the system where the anchors are too weak for it or wide vectors
+/// make up for it.
 template <typename System>
 class SingleCholesky {
  public:
@@ -220,6 +261,8 @@ class SingleCholesky {
 
   /// As DenseCholesky's.
   bool factorize(const System& system) {
+    is_single_ = false;
+    if (DenseCholesky<System>::has_kernels(system.nodes())) return exact_.factorize(system);
     detail::node_stiffness(system, node_stiffness_);
     // Stiffness and gradients in units that keep them in the range of single precision.
     unit_ = node_stiffness_.maxCoeff();
