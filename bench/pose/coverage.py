@@ -11,6 +11,7 @@ import warnings
 
 import asterism.pose as pose
 import numpy as np
+import random_cases
 from scipy.ndimage import gaussian_filter1d
 
 from compare import contained
@@ -24,28 +25,12 @@ def cameras_around(count):
 
 
 def smooth(rng, frames, joints, dim):
-    """Velocities are random walks, of another size for each joint."""
-    size = np.exp(rng.normal(0, 1, (1, joints, 1))) * 3e-3
-    path = np.cumsum(np.cumsum(rng.normal(0, 1, (frames, joints, dim)) * size, 0), 0)
-    path -= path.mean(0)
-    return path / max(1.0, np.abs(path).max() / 2) + rng.normal(0, 0.5, (1, joints, dim))
+    """Random walks about places that differ."""
+    return random_cases.walk(rng, frames, joints, dim) + rng.normal(0, 0.5, (1, joints, dim))
 
 
 def bursts(rng, frames, joints, dim):
-    """Rest, and bursts of motion between two places."""
-    place = rng.normal(0, 0.5, (joints, dim))
-    path = np.zeros((frames, joints, dim))
-    for j in range(joints):
-        t = 0
-        while t < frames:
-            rest = t + int(rng.integers(10, 40))
-            path[t:rest, j] = place[j]
-            goal, steps = place[j] + rng.normal(0, 0.3, dim), int(rng.integers(5, 20))
-            way = (1 - np.cos(np.pi * np.arange(1, steps + 1) / steps)) / 2
-            left = path[rest : rest + steps, j]
-            left[:] = (place[j] + way[:, None] * (goal - place[j]))[: len(left)]
-            place[j], t = goal, rest + steps
-    return path
+    return rng.normal(0, 0.5, (joints, dim)) + random_cases.bursts(rng, frames, joints, dim)
 
 
 def of_animals(folder):

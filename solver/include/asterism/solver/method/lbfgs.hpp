@@ -51,6 +51,7 @@ class Lbfgs {
 
   static constexpr std::string_view kMethod = "L-BFGS";
   static constexpr int kMemory = 4;
+
   // IDA's step from the present x.
   void majorised_descent(Summary& summary) {
     descent_.setZero(System::kDim, state_.gradient().cols());
