@@ -52,7 +52,7 @@ newer_dialect() {
     -isystem /usr/include/eigen3 -isystem /usr/include/opencv4 -x c++ -
 }
 
-step "packages" bash .ci/install-packages build test night petsc
+step "packages" bash .ci/install-packages build test docs night petsc
 step "tests" bash tests/run.sh release -DASTERISM_LONG_TESTS=ON -DASTERISM_WITH_PETSC=ON
 # To be read, as they vary with the machine.
 step "bars" build/release/bench/asterism-bench bars --large
@@ -69,6 +69,8 @@ step "ThreadSanitizer" bash tests/run.sh thread
 step "coverage" bash tests/coverage.sh
 step "valgrind" memcheck
 step "C++23" newer_dialect
+step "site" cmake --build --preset release --target site
+step "look of the site" /usr/bin/python3 tests/docs/site_look_test.py build/release/docs/site
 step "64-bit ARM" bash tests/arm.sh
 step "Debian packages" bash tests/package/debian.sh
 

@@ -24,6 +24,7 @@ myst_dmath_double_inline = True
 suppress_warnings = ['ref.myst']
 
 html_theme = 'furo'
+pygments_style, pygments_dark_style = 'default', 'github-dark'  # each color of a contrast of 4.5 or more to its ground
 html_copy_source = False
 html_show_copyright = False
 html_show_sphinx = False
@@ -97,15 +98,15 @@ def mark_cells(app, document):
 
 
 def mark_charts(app, document):
-    """A picture is a chart if it is an SVG or has one beside it, and so are those of the gallery. site.css keeps charts large enough on a
-    phone, and inverts those that are drawn on white in dark mode."""
+    """A picture is a chart if it is an SVG, of the results or of the gallery. site.css keeps charts large enough on a phone, and inverts
+    those that are drawn on white in dark mode."""
     for image in document.findall(nodes.image):
-        drawing = pathlib.Path(app.srcdir, image['uri']).with_suffix('.svg')
-        is_gallery = drawing.name.startswith('gallery-')
-        if drawing.is_file() or is_gallery:
+        path = pathlib.Path(app.srcdir, image['uri'])
+        is_svg = path.suffix == '.svg'
+        if is_svg or path.is_relative_to(pathlib.Path(app.srcdir, 'results')) or path.name.startswith('gallery-'):
             image['classes'].append('chart')
-        if is_gallery or drawing.is_file() and 'prefers-color-scheme' not in drawing.read_text(encoding='utf-8'):
-            image['classes'].append('white')
+            if not is_svg or 'prefers-color-scheme' not in path.read_text(encoding='utf-8'):
+                image['classes'].append('white')
 
 
 def mark_literals(_, document):
