@@ -367,7 +367,11 @@ class ArgumentsTest(unittest.TestCase):
             (lambda: system.fix(1.5), TypeError, "node: expected an integer, found 1.5"),
             (lambda: system.fix(), TypeError, "System.fix() needs 'node' (it has: node)"),
             (lambda: asterism.System.fix(3, 1), TypeError, "self: expected asterism.System, found 3"),
-            (lambda: asterism.energy(system, POINTS), TypeError, "system: expected asterism.SpringSystem, found System"),
+            (
+                lambda: asterism.energy(system, POINTS),
+                TypeError,
+                "system: expected asterism.SpringSystem, found System; a System has methods, such as system.solve(x) and system.solution(x).covariance(node)",
+            ),
             (lambda: asterism.PathStream(shortest=1, start=[1, 2]), ValueError, "start: expected shape (3,), found (2,)"),
             (lambda: asterism.locate(BEACONS, [1, 2, 3, 4], 1, threads=None), TypeError, "threads: expected an integer, found None"),
             (lambda: asterism.certify(spring_system(), POINTS, gap=[1] * 99), TypeError, "gap: expected a number, found list"),

@@ -249,6 +249,8 @@ class TrackersTest(unittest.TestCase):
             asterism.Tracker("kcf").init(self.frames[0], (1000, 1000, 10, 10))
         with self.assertRaises(ValueError):
             asterism.Tracker("kcf").init(self.frames[0], (10, 10, math.nan, 10))
+        with self.assertRaisesRegex(TypeError, r"^Tracker\(\) has no option 'grid': those of the tracker itself are given as options={...}"):
+            asterism.Tracker("dpt", grid=3)
         with self.assertRaisesRegex(TypeError, "options: expected a dict or None"):
             asterism.Tracker("dpt", [("grid_rows", 3)])
 

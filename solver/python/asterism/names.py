@@ -112,7 +112,8 @@ def no_option(of: str, name: str, known: Sequence[str]) -> str:
     if ours in _OWNER:
         return f"{of} has no option '{name}': '{ours}' is an option of the method '{_OWNER[ours]}'{listed}"
     near = difflib.get_close_matches(name.lower(), known, 1)
-    return f"{of} has no option '{name}'" + (f", did you mean '{near[0]}'?" if near else "") + listed
+    dictionary = ": those of the tracker itself are given as options={...}" if "options" in known else ""
+    return f"{of} has no option '{name}'" + (f", did you mean '{near[0]}'?" if near else dictionary) + listed
 
 
 def no_attribute(name: str, known: Sequence[str]) -> str:
@@ -223,7 +224,10 @@ def wrong_arguments(text: str, given: Sequence[Any], named: Mapping[str, Any]) -
         return TypeError(f"{function}() needs {' and '.join(missing)}{it_has}")
     for name, kind in kinds.items():
         if name in values and not _fits(values[name], kind):
-            return TypeError(f"{name}: expected {_expected(kind)}, found {shown(values[name])}")
+            found = shown(values[name])
+            if kind.endswith(".SpringSystem") and type(values[name]).__name__ == "System":
+                found += "; a System has methods, such as system.solve(x) and system.solution(x).covariance(node)"
+            return TypeError(f"{name}: expected {_expected(kind)}, found {found}")
     for name, kind in kinds.items():
         if kind == "int" and name in values and not 0 <= operator.index(values[name]) < 2**31:
             return ValueError(f"{name}: {values[name]} is out of range")
