@@ -253,7 +253,7 @@ class MdsTest(unittest.TestCase):
             (lambda: asterism.MDS().set_params(dim=3), ValueError, "Invalid parameter 'dim' .* here it is 'n_components'"),
             (lambda: precomputed(0).fit(good), ValueError, "n_components: expected >= 1, found 0"),
             (lambda: precomputed(2.5).fit(good), TypeError, "n_components: expected an integer, found float"),
-            (lambda: precomputed(200).fit(good), ValueError, "a point has 1 to 64 coordinates, not 200"),
+            (lambda: precomputed(200).fit(good), ValueError, "n_components: expected at most 64, found 200"),
             (lambda: precomputed(n_init=0).fit(good), ValueError, "n_init: expected >= 1"),
             (lambda: precomputed(n_jobs=-2).fit(good), ValueError, "n_jobs: expected >= 1"),
             (lambda: precomputed(eps="1e-3").fit(good), TypeError, "eps: expected numbers, found <U4"),

@@ -211,7 +211,8 @@ def layout(
     start, sizes, layers = (inputs.by_node(v, name, nodes) for v, name in ((start, "start"), (sizes, "sizes"), (layers, "layers")))
     given = None if start is None else inputs.array(start, "start", (n, dim))
     if given is not None and not np.isfinite(given).all():
-        raise ValueError(f"start: expected finite numbers for all nodes, found {given[~np.isfinite(given).all(axis=1)][0]}")
+        bad = int(np.flatnonzero(~np.isfinite(given).all(axis=1))[0])
+        raise ValueError(f"start: expected finite numbers for all nodes, found {given[bad]} for {inputs.shown(nodes[bad])}")
     known = Known(nodes, *_anchors_of(anchors, anchor_weights, n, dim), given)
     if method == "sgd" and partners is not None:
         raise ValueError("partners: the method 'sgd' draws the pairs itself; give one of the two")

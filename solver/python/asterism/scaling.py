@@ -237,7 +237,8 @@ class MDS:
         return inputs.processors() if isinstance(jobs, (int, np.integer)) and jobs == -1 else inputs.count(jobs, "n_jobs")
 
     def _check(self) -> None:
-        inputs.count(self.n_components, "n_components")
+        if inputs.count(self.n_components, "n_components") > 64:
+            raise ValueError(f"n_components: expected at most 64, found {self.n_components}")
         if self.n_init is not None:
             inputs.count(self.n_init, "n_init")
         inputs.count(self.max_iter, "max_iter")
