@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
 """site_look_test.py SITE [PAGE...]: the built site in chromium, each page on a desktop and on a phone, light and dark.
 
-Of every page: no page is wider than the window; text has a contrast of 4.5 to its ground (WCAG's AA) and at least 9 px; letters of charts have
-8 px, and charts that are drawn on white are inverted in the dark. Of the reference's thousand pages a few are read. Exit code 77:
-chromium or chromedriver is missing.
+No page is wider than the window. Text has a contrast of 4.5 to its ground (WCAG's AA) and at least 9 px. Letters of charts have 8 px, and
+charts that are drawn on white are inverted in the dark. A heading that a link leads to is not hidden by the header. Of the reference's
+thousand pages a few are read. Exit code 77: chromium or chromedriver is missing.
 """
 import pathlib
 import re
 import shutil
 import sys
 import tempfile
+import time
 
 import matplotlib.image
 
@@ -20,6 +21,13 @@ REFERENCE = ['index', 'annotated', 'files', 'functions', 'namespaceasterism', 's
 LEAST_CONTRAST, LEAST_TEXT, LEAST_LETTER = 4.5, 9, 8
 LETTER = 17  # pixels in the PNG of a chart
 SCREENSHOT = 'playground.png'  # white at its edge, but no chart
+HEADINGS = 'locate.html#measured', 'python-reference.html#layout'  # the second one is in a fold on a phone
+
+# Whether the heading that the address names is at this place.
+LED = '''
+const heading = document.getElementById(location.hash.slice(1)).querySelector("h2, h3"), {left, top, height} = heading.getBoundingClientRect();
+return top < innerHeight / 2 && heading.contains(document.elementFromPoint(left + 2, top + height / 2));
+'''
 
 LOOK = r'''
 const rgba = color => { const [r, g, b, a = 1] = color.match(/[\d.]+/g).map(Number); return [r, g, b, a]; };
@@ -95,6 +103,14 @@ def main():
                         found, pictures = browser.run(LOOK)
                         for problem in [*found, *picture_problems(pictures, dark)]:
                             problems.setdefault(f'{device}, {"dark" if dark else "light"}: {problem}', page.relative_to(site))
+                for address in HEADINGS:
+                    browser.call('POST', '/url', {'url': 'about:blank'})
+                    browser.call('POST', '/url', {'url': (site / address).as_uri().replace('%23', '#')})
+                    end = time.monotonic() + 10  # it scrolls smoothly
+                    while not (led := browser.run(LED)) and time.monotonic() < end:
+                        time.sleep(0.2)
+                    if not led:
+                        problems[f'{device}: the link does not lead to the heading'] = address
         finally:
             browser.close()
     for problem, page in problems.items():

@@ -39,7 +39,7 @@ document.addEventListener("DOMContentLoaded", () => {
   if (isLong())
     for (const program of document.querySelectorAll("article div[class^=highlight-]")) {
       const lines = program.textContent.trimEnd().split("\n").length;
-      if (lines > mostLines) fold(`Program of ${lines} lines`, program);
+      if (lines > mostLines && !program.closest("details.fold")) fold(`Program of ${lines} lines`, program);
     }
   if (isLong())
     for (const section of document.querySelectorAll("article > section > section, article > div > section > section")) {
