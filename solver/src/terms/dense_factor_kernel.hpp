@@ -12,9 +12,9 @@ class Cholesky {
   using T = typename L::T;
   using V = typename L::V;
   using Index = std::ptrdiff_t;
-  static constexpr int kLanes = L::kLanes, kRows = 2 * kLanes;  // of a tile, whose sums stay in registers
-  static constexpr int kColumns = 4;
-  static constexpr int kPanel = 64;  // columns that stay in the cache
+  static constexpr int kLanes = L::kLanes, kRows = 2 * kLanes;      // of a tile, whose sums stay in registers
+  static constexpr int kColumns = sizeof(V) == kMostBytes ? 8 : 4;  // the widest vectors are twice as many
+  static constexpr int kPanel = 64;                                 // columns that stay in the cache
 
  public:
   explicit Cholesky(const SymmetricMatrix<T>& matrix) : matrix_(matrix.data), n_(matrix.n) {}

@@ -1,4 +1,5 @@
 #include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <algorithm>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
@@ -80,10 +81,20 @@ class LastCoordinate final : public CurvatureSink {
   // that rounding may not have made.
   double negative_direction(Eigen::VectorXd& v) const {
     if (!all_finite(w_) || w_.size() == 0) return 0;
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(w_);
-    v = eigen.eigenvectors().col(0);
-    const double rounding = 64 * std::numeric_limits<double>::epsilon() * w_.diagonal().cwiseAbs().maxCoeff();
-    return std::min(eigen.eigenvalues()[0] + rounding, 0.0);
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(w_, Eigen::EigenvaluesOnly);
+    const double least = eigen.eigenvalues()[0], size = w_.diagonal().cwiseAbs().maxCoeff();
+    const double rounding = 64 * std::numeric_limits<double>::epsilon() * size;
+    if (!(least + rounding < 0)) return 0;
+    // By inverse iterations, which take a tenth of what all eigenvectors do.
+    constexpr double kNear = 1e-10;
+    constexpr int kIterations = 3;
+    Eigen::MatrixXd shifted = w_;
+    shifted.diagonal().array() -= least - kNear * size;
+    const Eigen::PartialPivLU<Eigen::MatrixXd> inverse(shifted);
+    v.resize(w_.rows());
+    for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = std::sin(static_cast<double>(i * i + 1));
+    for (int iteration = 0; iteration < kIterations; ++iteration) v = inverse.solve(v).normalized();
+    return v.dot(w_ * v) < 0 ? least + rounding : 0;
   }
 
  private:
@@ -100,8 +111,10 @@ class LastCoordinate final : public CurvatureSink {
 // coordinates from `from` on, in which nothing is at rest elsewhere, so that no link becomes shorter; and in
 // all coordinates away from the centroid, so that most links become longer. With a small share of it the
 // quadratic has no minimum or a very low one, with a large one it is far below the energy: the best is
-// searched for by ever smaller factors.
-double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
+// searched for by ever smaller factors, until it is as high as `enough`; not if the smallest share has no
+// minimum and `is_brief`, as a further dimension then helps more.
+double bound_near(const System& system, const Eigen::MatrixXd& x, int from, double enough,
+                  bool is_brief = false) {
   if (!missing_curvature(system, Curvature::Minorising).empty()) return 0;
   SystemProver prover(system);
   Eigen::MatrixXd last = x, all = x.colwise() - x.rowwise().mean();
@@ -112,7 +125,7 @@ double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
   constexpr double kFactor = 10, kNear = 1e-3;
   constexpr int kRefinements = 3;
   double highest = 0;
-  const double nearly_all = (1 - kNear) * energy(system, x);
+  const double nearly_all = std::min(enough, (1 - kNear) * energy(system, x));
   for (const Eigen::MatrixXd* out : {&last, &all}) {
     if (!(out->array() != 0).any() || highest > nearly_all) continue;
     double best = 0, best_share = 0;
@@ -127,9 +140,11 @@ double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
     };
     for (double share = 1e-9; share <= 1; share *= kFactor) {
       if (!is_better(share) && has_minimum && best > 0) break;
+      if (best >= enough) break;
+      if (is_brief && !(best > 0)) return highest;
     }
     double factor = kFactor;
-    for (int refinement = 0; refinement < kRefinements && best > 0; ++refinement) {
+    for (int refinement = 0; refinement < kRefinements && best > 0 && best < enough; ++refinement) {
       factor = std::sqrt(factor);
       if (!is_better(best_share / factor)) is_better(best_share * factor);
     }
@@ -137,6 +152,71 @@ double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
   }
   return highest;
 }
+
+// Lower bounds of the energy E at points that are only near a minimum: those of a system whose anchors are
+// stiffer by a share s. No term is negative, so that (1 + s) E is no less than its energy; and the quadratic
+// that touches that from below has a minimum where that of E lacks a little curvature. The share is the one
+// that costs most of what the bound may lack.
+class StifferAnchors {
+ public:
+  // Of a system in more than `dim` dimensions, that of the plane. The anchors of some nodes stay as they are.
+  StifferAnchors(const System& lifted, int dim, const std::vector<int>& without)
+      : system_(lifted), dim_(dim) {
+    for (int t = 0; t < system_.term_count(); ++t) {
+      Term& term = system_.term(t);
+      if (term.size() == 0 || term.kind() != "anchors" || !term.is_quadratic()) continue;
+      Eigen::MatrixXd& stiffness = term.values("stiffness");
+      if (stiffness.cols() != term.size()) stiffness = stiffness.replicate(1, term.size()).eval();
+      Eigen::MatrixXd more = stiffness;
+      for (int e = 0; e < term.size(); ++e) {
+        if (std::find(without.begin(), without.end(), term.nodes()(0, e)) != without.end()) more(0, e) = 0;
+      }
+      anchors_.push_back({t, stiffness, more});
+    }
+  }
+
+  // The bound at x, of this energy, with the share that lowers a bound at a minimum by what it may lack to
+  // `enough`, or half of that; 0 if none is proven.
+  double bound(const Eigen::MatrixXd& x, double energy, double enough) {
+    double highest = 0;
+    if (anchors_.empty() || !(energy > enough)) return highest;
+    // The anchors' energy in the plane grows by the share; what is beyond it the quadratic's minimum has not.
+    Eigen::MatrixXd flat = x;
+    flat.bottomRows(x.rows() - dim_).setZero();
+    double others = energy;
+    for (const auto& [t, stiffness, more] : anchors_) {
+      system_.term(t).values("stiffness") = more;
+      others -= system_.term(t).energy(flat, nullptr);
+    }
+    for (const double part : {0.8, 0.4}) {
+      const double loss = part * (energy - enough);
+      const double share = others * kMost > loss ? loss / others : kMost;
+      set_share(share);
+      const SystemProver::Bound bound = prover_.bound(x);
+      if (!bound.in_range || !bound.has_minimum) break;
+      highest = std::max(highest, bound.lower_bound * (1 - kRounding) / (1 + share));
+      if (highest >= enough) break;
+    }
+    return highest;
+  }
+
+ private:
+  static constexpr double kMost = 0.1, kRounding = 8 * std::numeric_limits<double>::epsilon();
+
+  void set_share(double share) {
+    for (const auto& [t, stiffness, more] : anchors_)
+      system_.term(t).values("stiffness") = stiffness + share * more;
+  }
+
+  System system_;
+  int dim_;
+  struct Anchors {
+    int term;
+    Eigen::MatrixXd stiffness, more;
+  };
+  std::vector<Anchors> anchors_;
+  SystemProver prover_{system_};
+};
 
 // Newton's method with a share of the nodes' stiffness added to the Hessian, as much as it needs (Levenberg
 // 1944): near a minimum in more dimensions, the Hessian is nearly singular, or has slightly negative
@@ -150,7 +230,8 @@ struct DampedNewton {
 
  private:
   static Status iterate(SystemRun& run) {
-    constexpr double kFirst = 1e-6, kMost = 1e3, kFactor = 10;
+    constexpr double kFirst = 1e-6, kMost = 1e3;
+    constexpr double kFactor = 4;  // from 1.5, 2, 3, 4, 5, 10, 30 and 100 on 300 systems of 100 nodes
     SystemMatrix matrix(SystemMatrix::Storage::Best);
     SystemFactor factor;
     double share = kFirst;
@@ -181,8 +262,9 @@ AlignedOptions without_gap(AlignedOptions options) {
 // the plane, as the anchors of these nodes have taken up terms that are not positive there.
 struct Part {
   System system;
-  double constant;            // to be added to the energy
-  int term = 0, element = 0;  // the anchor that `pull` changes
+  double constant;               // to be added to the energy
+  int term = 0, element = 0;     // the anchor that `pull` changes
+  std::vector<int> pulled = {};  // the nodes whose anchors it has changed
 
   // Chooses the anchor of a node for `pull`. False where it has none that is a plain spring.
   bool take(int node) {
@@ -198,6 +280,7 @@ struct Part {
         }
         term = t;
         element = e;
+        pulled.push_back(node);
         return true;
       }
     }
@@ -235,7 +318,7 @@ class Climb {
     if (is_proven()) return;
     Eigen::MatrixXd points = x_;
     for (int more = 1; more <= kMostLifts; ++more) {
-      if (!descend(system_, points, best_.lower_bound)) break;
+      if (!descend(system_, points, best_.lower_bound, best_.final_energy)) break;
       if (is_end(points)) return;
       if (!is_loose(best_.lower_bound, best_.final_energy)) break;
     }
@@ -247,6 +330,7 @@ class Climb {
   // energy hardly falls; but W lacks more to be semi-definite than any bound can bear. With a tolerance so
   // much finer it lacks next to nothing.
   static constexpr double kFine = 1e-4;
+  static constexpr int kNoLimit = std::numeric_limits<int>::max();
   static constexpr int kMostSteps = 40;  // from near a minimum in fewer dimensions
 
   // Whether the interval is wide because little is proven of the minimum in more dimensions. If it is wide
@@ -261,8 +345,10 @@ class Climb {
   bool is_large() const { return system_.nodes() > 200; }
 
   // Moves `points` down from where they are: first into a dimension that they lack, then to a minimum, and
-  // raises the lower bound by what is proven there. False where there is no way down.
-  bool descend(const System& system, Eigen::MatrixXd& points, double& bound) {
+  // raises the lower bound by what is proven there, until it is near enough to `highest`. False where there
+  // is no way down.
+  bool descend(const System& system, Eigen::MatrixXd& points, double& bound, double highest,
+               const std::vector<int>& pulled = {}) {
     const int dim = system.dim(), rows = static_cast<int>(points.rows());
     const System more = lifted(system, rows + 1);
     Eigen::MatrixXd x = Eigen::MatrixXd::Zero(rows + 1, points.cols());
@@ -270,21 +356,59 @@ class Climb {
     if (is_large()) {
       displace(more, x);
     } else if (!step_off(more, x)) {
-      bound = std::max(bound, bound_near(system, x.topRows(dim), dim));
+      bound = std::max(bound, bound_near(system, x.topRows(dim), dim, enough(highest)));
       return false;
     }
     const bool is_first = rows == dim;
-    if (is_first && !minimise<SystemAuto>(more, x, 1)) return false;
-    if (!is_large() && prover_) {
-      if (!minimise<DampedNewton>(more, x, kFine, kMostSteps)) return false;
-    } else if (!is_first && !minimise<SystemNewtonCg>(more, x, 1, kMostSteps)) {
-      return false;
-    }
-    relaxed_ = energy(more, x);
-    bound = std::max(bound, bound_near(more, x, dim));
+    const bool is_fine = !is_large() && prover_;
+    std::optional<Watch> watch;
+    if (is_fine && options_.gap > 0) watch.emplace(*this, more, bound, highest, pulled);
+    if (is_first && !minimise<SystemAuto>(more, x, 1, kNoLimit, watch ? &*watch : nullptr)) return false;
+    if (is_fine && !(watch && watch->is_enough) && !minimise_finely(more, x, watch)) return false;
+    if (!is_fine && !is_first && !minimise<SystemNewtonCg>(more, x, 1, kMostSteps)) return false;
+    raise_bound(more, x, bound, highest);
     points.swap(x);  // Eigen 3.4 frees a matrix twice if memory runs out where it changes its size
     return true;
   }
+
+  // What the lower bound has to be for the interval up to `highest` to be narrow.
+  double enough(double highest) const {
+    return options_.gap > 0 ? highest - options_.gap * best_.final_energy
+                            : std::numeric_limits<double>::infinity();
+  }
+
+  void raise_bound(const System& lifted, const Eigen::MatrixXd& x, double& bound, double highest) {
+    relaxed_ = energy(lifted, x);
+    const bool is_brief = options_.gap > 0 && !is_large() && lifted.dim() < system_.dim() + kMostLifts;
+    if (!(bound >= enough(highest)))
+      bound = std::max(bound, bound_near(lifted, x, system_.dim(), enough(highest), is_brief));
+  }
+
+  // Raises a lower bound at the iterates of a method, and stops it where the bound is high enough. It costs
+  // ten iterations without a factorisation, so that the next one is where the gradient is a tenth.
+  struct Watch {
+    Watch(const Climb& climb, const System& lifted, double& of, double highest,
+          const std::vector<int>& pulled)
+        : bound(of),
+          enough(climb.enough(highest)),
+          is_enough(of >= enough),
+          stiffer(lifted, climb.system_.dim(), pulled) {}
+
+    bool goes_on(const Iteration& at) {
+      constexpr double kLess = 10;
+      if (at.number == 0 && !are_steps_long) last = at.gradient_norm;
+      if (!are_steps_long && !(kLess * at.gradient_norm < last)) return true;
+      last = at.gradient_norm;
+      bound = std::max(bound, stiffer.bound(at.x, at.energy, enough));
+      is_enough = bound >= enough;
+      return !is_enough;
+    }
+
+    double& bound;
+    double enough, last = 0;
+    bool is_enough, are_steps_long = false;  // those of a method with a factorisation
+    StifferAnchors stiffer;
+  };
 
   // Raises the lower bound where it is low because nodes leave the plane. The one that leaves it most is, in
   // the plane, inside a box around its place in x or beyond one of the sides, and the least of their bounds
@@ -335,13 +459,15 @@ class Climb {
   // The lower bound of a part, by its minimum near points in more dimensions.
   double bound_of(const Part& part, Eigen::MatrixXd points, Eigen::MatrixXd* minimum = nullptr) {
     const System more = lifted(part.system, static_cast<int>(points.rows()));
-    if (!minimise<DampedNewton>(more, points, kFine, kMostSteps)) return 0;
+    const double highest = best_.final_energy - part.constant;
+    double bound = 0;
+    std::optional<Watch> watch(std::in_place, *this, more, bound, highest, part.pulled);
+    if (!minimise_finely(more, points, watch)) return 0;
     if (minimum != nullptr) *minimum = points;
-    relaxed_ = energy(more, points);
-    double bound = bound_near(more, points, system_.dim());
-    const double highest = best_.final_energy - part.constant, enough = highest - gap() * best_.final_energy;
-    while (bound < enough && is_loose(bound, highest) && points.rows() < system_.dim() + kMostLifts &&
-           descend(part.system, points, bound)) {
+    raise_bound(more, points, bound, highest);
+    while (bound < enough(highest) && is_loose(bound, highest) &&
+           points.rows() < system_.dim() + kMostLifts &&
+           descend(part.system, points, bound, highest, part.pulled)) {
     }
     bound += part.constant;
     return is_finite(bound) ? bound : 0;
@@ -350,17 +476,29 @@ class Climb {
   // Moves x to a minimum in more dimensions, to a share of the tolerance. False where the caller asks to
   // stop.
   template <typename Method>
-  bool minimise(const System& lifted, Eigen::MatrixXd& x, double share,
-                int most_steps = std::numeric_limits<int>::max()) {
+  bool minimise(const System& lifted, Eigen::MatrixXd& x, double share, int most_steps = kNoLimit,
+                Watch* watch = nullptr) {
     Method method{without_gap(options_)};
     method.options.align = false;
+    bool is_interrupted = false;
+    const auto goes_on = [&](const Iteration& at) {
+      is_interrupted = options_.on_lifted_iteration && !options_.on_lifted_iteration(at);
+      return !is_interrupted && watch->goes_on(at);
+    };
     method.options.on_iteration = options_.on_lifted_iteration;
+    if (watch) method.options.on_iteration = goes_on;
     method.options.tolerance *= share;
     method.options.max_iterations = std::min(options_.max_iterations, most_steps);
     const Summary summary = method.solve(lifted, x);
     if (summary.status == Status::OutOfMemory) raise(std::bad_alloc());
     best_.add_work(summary);
-    return summary.usable() && summary.status != Status::Interrupted;
+    const bool is_done = watch && watch->is_enough && !is_interrupted && !options_.stopped();
+    return summary.usable() && (is_done || summary.status != Status::Interrupted);
+  }
+
+  bool minimise_finely(const System& lifted, Eigen::MatrixXd& x, std::optional<Watch>& watch) {
+    if (watch) watch->are_steps_long = true;
+    return minimise<DampedNewton>(lifted, x, kFine, kMostSteps, watch ? &*watch : nullptr);
   }
 
   // Moves each node in the last coordinate, by up to a tenth of the characteristic length, or by a share of
