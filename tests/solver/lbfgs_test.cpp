@@ -10,6 +10,7 @@
 #include <limits>
 #include <type_traits>
 
+#include "listed_links.hpp"
 #include "matrices.hpp"
 #include "test_systems.hpp"
 
@@ -120,7 +121,6 @@ template <typename System>
 void expect_gradients_like_the_walk(int nodes) {
   using Points = typename System::Points;
   const auto full = System::TopologyType::full(nodes);
-  const auto list = System::TopologyType::from_links(nodes, full.links());
   testing::Rng rng(static_cast<std::uint64_t>(nodes));
   detail::DescentState<System> state;
   for (int hostile = 0; hostile < 7; ++hostile) {
@@ -150,13 +150,7 @@ void expect_gradients_like_the_walk(int nodes) {
       default:
         break;
     }
-    System one_by_one(list);
-    one_by_one.anchors = at_once.anchors;
-    one_by_one.anchor_stiffness = at_once.anchor_stiffness;
-    one_by_one.rest_length = at_once.rest_length;
-    one_by_one.link_stiffness = at_once.link_stiffness;
-    one_by_one.loads = at_once.loads;
-    if (hostile == 5) one_by_one.fix(nodes / 2);
+    const System one_by_one = testing::with_listed_links(at_once);
     Points g;
     const double E = energy_and_gradient(one_by_one, x, g);
     Summary summary;

@@ -17,6 +17,7 @@
 #include <limits>
 #include <vector>
 
+#include "listed_links.hpp"
 #include "matrices.hpp"
 #include "test_systems.hpp"
 
@@ -123,7 +124,6 @@ void expect_full_links_like_the_walk(int seeds) {
   constexpr int kNodes = System::kNodes, kSize = System::kDim * kNodes;
   using Vector = Eigen::Matrix<double, kSize, 1>;
   const Topology full = Topology::full();
-  const Topology list = Topology::from_links(kNodes, full.links());
   ASSERT_TRUE(detail::FullLinks<System>::kServes);
   testing::Rng rng(7);
   for (int seed = 0; seed < seeds; ++seed) {
@@ -156,12 +156,7 @@ void expect_full_links_like_the_walk(int seeds) {
         default:
           break;
       }
-      System one_by_one(list);
-      one_by_one.anchors = at_once.anchors;
-      one_by_one.anchor_stiffness = at_once.anchor_stiffness;
-      one_by_one.rest_length = at_once.rest_length;
-      one_by_one.link_stiffness = at_once.link_stiffness;
-      if (hostile == 6) one_by_one.fix(0);
+      const System one_by_one = testing::with_listed_links(at_once);
       ASSERT_TRUE(detail::FullLinks<System>::serve(at_once));
       ASSERT_FALSE(detail::FullLinks<System>::serve(one_by_one));
 
