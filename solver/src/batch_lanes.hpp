@@ -49,6 +49,16 @@ struct Double8 {
   ASTERISM_INLINE V high_pairs(V a, V b) {
     return _mm512_permutex2var_pd(a, _mm512_setr_epi64(4, 12, 5, 13, 6, 14, 7, 15), b);
   }
+  // a_0 a_2 ... b_0 b_2 ..., and those between.
+  ASTERISM_INLINE V evens(V a, V b) {
+    return _mm512_permutex2var_pd(a, _mm512_setr_epi64(0, 2, 4, 6, 8, 10, 12, 14), b);
+  }
+  ASTERISM_INLINE V odds(V a, V b) {
+    return _mm512_permutex2var_pd(a, _mm512_setr_epi64(1, 3, 5, 7, 9, 11, 13, 15), b);
+  }
+  ASTERISM_INLINE V rotate(V a) {  // a_1 a_2 ... a_0
+    return _mm512_castsi512_pd(_mm512_alignr_epi64(_mm512_castpd_si512(a), _mm512_castpd_si512(a), 1));
+  }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }  // a shorter chain than a refined estimate
   // Refines an estimate of 14 bits: its relative error e becomes e^4.
   ASTERISM_INLINE V inverse_sqrt(V a) {
@@ -141,6 +151,9 @@ struct Double4 {
   ASTERISM_INLINE V high_pairs(V a, V b) {
     return _mm256_permute2f128_pd(_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b), 0x31);
   }
+  ASTERISM_INLINE V evens(V a, V b) { return _mm256_permute4x64_pd(_mm256_unpacklo_pd(a, b), 0xd8); }
+  ASTERISM_INLINE V odds(V a, V b) { return _mm256_permute4x64_pd(_mm256_unpackhi_pd(a, b), 0xd8); }
+  ASTERISM_INLINE V rotate(V a) { return _mm256_permute4x64_pd(a, 0x39); }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }
   ASTERISM_INLINE V inverse_sqrt(V a) { return set(1) / sqrt(a); }
   ASTERISM_INLINE V sqrt(V a, V) { return sqrt(a); }
@@ -242,6 +255,9 @@ struct Double2 {
   ASTERISM_INLINE T sum(V a) { return _mm_cvtsd_f64(_mm_add_sd(a, _mm_unpackhi_pd(a, a))); }
   ASTERISM_INLINE V low_pairs(V a, V b) { return _mm_unpacklo_pd(a, b); }
   ASTERISM_INLINE V high_pairs(V a, V b) { return _mm_unpackhi_pd(a, b); }
+  ASTERISM_INLINE V evens(V a, V b) { return _mm_unpacklo_pd(a, b); }
+  ASTERISM_INLINE V odds(V a, V b) { return _mm_unpackhi_pd(a, b); }
+  ASTERISM_INLINE V rotate(V a) { return _mm_shuffle_pd(a, a, 1); }
   ASTERISM_INLINE V inverse(V a) { return set(1) / a; }
   ASTERISM_INLINE V inverse_sqrt(V a) { return set(1) / sqrt(a); }
   ASTERISM_INLINE V sqrt(V a, V) { return sqrt(a); }
@@ -359,6 +375,15 @@ struct Lanes4 {
   }
   ASTERISM_INLINE V high_pairs(V a, V b) {
     return each([&](int i) ASTERISM_INLINED { return (i % 2 == 0 ? a : b).at[kLanes / 2 + i / 2]; });
+  }
+  ASTERISM_INLINE V evens(V a, V b) {
+    return each([&](int i) ASTERISM_INLINED { return (2 * i < kLanes ? a : b).at[2 * i % kLanes]; });
+  }
+  ASTERISM_INLINE V odds(V a, V b) {
+    return each([&](int i) ASTERISM_INLINED { return (2 * i < kLanes ? a : b).at[2 * i % kLanes + 1]; });
+  }
+  ASTERISM_INLINE V rotate(V a) {
+    return each([&](int i) ASTERISM_INLINED { return a.at[(i + 1) % kLanes]; });
   }
   ASTERISM_INLINE V min(V a, V b) { return select(less(a, b), a, b); }
   ASTERISM_INLINE V max(V a, V b) { return select(less(b, a), a, b); }

@@ -40,7 +40,8 @@ void expect_like_dense_updates(Pairs pairs, int size, std::size_t memory) {
   EXPECT_TRUE(pairs.empty());
   for (int round = 0; round < 12; ++round) {
     const Eigen::VectorXd g = A * x, descent = -inverse_metric * g;
-    pairs.direction(descent, direction);
+    const double slope = pairs.direction(descent, g, direction);
+    EXPECT_NEAR(slope, g.dot(direction), 1e-13 * g.norm() * direction.norm()) << size << " " << round;
     Eigen::MatrixXd H = inverse_metric;
     if (!remembered.empty()) {
       const auto& [step, change] = remembered.back();
@@ -51,7 +52,6 @@ void expect_like_dense_updates(Pairs pairs, int size, std::size_t memory) {
 
     // Not always the best length, and now and then one that is not to be remembered: the slope hardly
     // changes.
-    const double slope = g.dot(direction);
     const double length = round % 5 == 4 ? 1e-5 : 0.4 + 0.2 * (round % 3);
     const double step = length * -slope / direction.dot(A * direction);
     const Eigen::VectorXd before = x, g_after = A * (x + step * direction);
@@ -83,7 +83,7 @@ TEST(LbfgsPairs, ForgetWhatOverflows) {
             Eigen::VectorXd(-2 * one));
   EXPECT_FALSE(pairs.empty());
   Eigen::VectorXd direction;
-  pairs.direction(Eigen::VectorXd(-one), direction);
+  pairs.direction(Eigen::VectorXd(-one), one, direction);
   EXPECT_LT((direction + one).norm(), 1e-12);
 }
 
@@ -123,6 +123,7 @@ void expect_gradients_like_the_walk(int nodes) {
   const auto full = System::TopologyType::full(nodes);
   testing::Rng rng(static_cast<std::uint64_t>(nodes));
   detail::DescentState<System> state;
+  int searches = 0;
   for (int hostile = 0; hostile < 7; ++hostile) {
     auto [at_once, x] = testing::random_system<System>(rng, full);
     switch (hostile) {
@@ -160,11 +161,25 @@ void expect_gradients_like_the_walk(int nodes) {
     if (hostile == 5) {
       EXPECT_EQ(state.gradient().col(nodes / 2).norm(), 0);
     }
+
+    // A step along the gradient's negative, some of which cross the rounding of what is shorter.
+    const Points direction = -g, start = x;
+    double step = 0.1 / (at_once.anchor_stiffness.maxCoeff() + at_once.link_stiffness.sum());
+    if (!(g.norm() > 1e-6 * E) || !state.search(at_once, x, direction, -g.squaredNorm(), step, summary))
+      continue;
+    EXPECT_LT((x - (start + step * direction)).norm(), 1e-14 * (start.norm() + step * g.norm()));
+    Points there;
+    const double lower = energy_and_gradient(one_by_one, x, there);
+    EXPECT_NEAR(state.energy(), lower, 1e-14 * std::abs(E)) << nodes << " " << hostile;
+    EXPECT_LT((state.gradient() - there).norm(), 1e-14 * (g.norm() + E)) << nodes << " " << hostile;
+    EXPECT_NEAR(state.slope(), there.cwiseProduct(direction).sum(), 1e-13 * (g.norm() + E) * g.norm());
+    ++searches;
   }
+  EXPECT_GE(searches, 4) << nodes;
 }
 
 TEST(DescentState, GradientsAreLikeTheWalkOverSprings) {
-  for (const int nodes : {2, 5, 6, 7, 8, 9, 15, 16, 17, 24, 40, 41}) {
+  for (const int nodes : {2, 5, 6, 7, 8, 9, 15, 16, 17, 24, 41, 70}) {
     expect_gradients_like_the_walk<SpringSystem<double, 2>>(nodes);
     expect_gradients_like_the_walk<SpringSystem<double, 3>>(nodes);
   }

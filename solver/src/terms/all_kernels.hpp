@@ -5,6 +5,7 @@
 #include "link_rows_kernel.hpp"
 #include "newton_kernel.hpp"
 #include "placed_points_kernel.hpp"
+#include "spring_tiles_kernel.hpp"
 #include "vector_kernel.hpp"
 
 // run(Result, function, Task) for each kernel: `function` runs a Task by the widest instructions of the
@@ -14,7 +15,7 @@
       run(bool, factorize, SymmetricMatrix<float>) run(void, solve, RightHandSides<double>)               \
           run(void, solve, RightHandSides<float>) run(void, invert, InverseDiagonal)                      \
               run(void, invert, Inverse<double>) run(void, invert, Inverse<float>)                        \
-                  run(double, differentiate, SpringHessian) run(Pivots, eliminate, NewtonEquations)       \
-                      run(double, substitute, NewtonStep) run(void, multiply, ColumnProducts)             \
-                          run(void, add, ColumnSum) run(bool, invert, MatrixInverse)                      \
-                              run(void, subtract, PointsLessProduct)
+                  run(double, differentiate, SpringHessian) run(EnergyAlong, differentiate, SpringTiles)  \
+                      run(Pivots, eliminate, NewtonEquations) run(double, substitute, NewtonStep)         \
+                          run(double, update, DescentPair) run(double, add, ColumnSum)                    \
+                              run(bool, invert, MatrixInverse) run(void, subtract, PointsLessProduct)

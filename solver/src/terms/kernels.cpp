@@ -13,12 +13,12 @@ namespace asterism::lanes_v0_1 {
 
 ASTERISM_FOR_EACH_KERNEL(ASTERISM_RUN)
 
-bool has_fast_roots() {
+int lanes() {
 #ifdef ASTERISM_LANES_X86
-  return has_avx512();  // which estimates them
-#else
-  return false;
+  if (has_avx512()) return 8;
+  if (has_avx2()) return 4;
 #endif
+  return DoubleLanes::kLanes;
 }
 
 }  // namespace asterism::lanes_v0_1

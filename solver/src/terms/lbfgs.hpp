@@ -23,8 +23,7 @@ class LbfgsSteps {
   bool advance() {
     double slope = 0, step = 1;
     while (true) {
-      pairs_.direction(descent_, direction_);
-      slope = run_.gradient().cwiseProduct(direction_).sum();
+      slope = pairs_.direction(descent_, run_.gradient(), direction_);
       step = 1;
       if (slope < 0 && run_.search(direction_, step)) break;
       if (pairs_.empty()) return false;

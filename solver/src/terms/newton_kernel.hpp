@@ -36,7 +36,7 @@ ASTERISM_INLINE void couple(const SpringHessian& springs, std::ptrdiff_t i, std:
   }
 }
 
-template <int kDim, bool kWithHessian>
+template <int kDim>
 double differentiate_in(const SpringHessian& springs) {
   constexpr int kEntries = kDim * (kDim + 1) / 2;
   const V zero = L::set(0), least = L::set(kLeastLengthSquare);
@@ -55,8 +55,7 @@ double differentiate_in(const SpringHessian& springs) {
       }
     } else {
       for (int c = 0; c < kDim; ++c) gradient[c] = L::load(springs.gradient + c * springs.stride + i);
-      for (int e = 0; kWithHessian && e < kEntries; ++e)
-        own[e] = L::load(springs.own + e * springs.stride + i);
+      for (int e = 0; e < kEntries; ++e) own[e] = L::load(springs.own + e * springs.stride + i);
     }
     // Each spring is met from both of its ends, so that nothing has to be added across lanes.
     for (std::ptrdiff_t j = 0; j < springs.nodes; ++j) {
@@ -70,14 +69,9 @@ double differentiate_in(const SpringHessian& springs) {
       square = L::max(square, least);
       const V inverse = L::inverse_sqrt(square);
       // Where springs are nearly at rest, the rounding of a length is what limits Newton's steps.
-      const V length = kWithHessian ? L::sqrt(square, inverse) : square * inverse;
-      const V stretch = length - L::load(springs.rest_length + j * springs.stride + i);
+      const V stretch = L::sqrt(square, inverse) - L::load(springs.rest_length + j * springs.stride + i);
       const V tension = k * stretch, force = tension * inverse;
       energy = L::fma(tension, stretch, energy);
-      if constexpr (!kWithHessian) {
-        for (int c = 0; c < kDim; ++c) gradient[c] = L::fma(force, d[c], gradient[c]);
-        continue;
-      }
       const V across = L::max(least_across, force), difference = k - across;
       V curvature[kEntries];
       for (int c = 0, e = 0; c < kDim; ++c) {
@@ -94,9 +88,9 @@ double differentiate_in(const SpringHessian& springs) {
       energy = L::fma(gradient[c], zero, energy);
       L::store(springs.gradient + c * springs.stride + i, gradient[c]);
     }
-    for (int e = 0; kWithHessian && e < kEntries; ++e) L::store(springs.own + e * springs.stride + i, own[e]);
+    for (int e = 0; e < kEntries; ++e) L::store(springs.own + e * springs.stride + i, own[e]);
   }
-  for (std::ptrdiff_t j = 0; kWithHessian && j < springs.nodes; ++j) {
+  for (std::ptrdiff_t j = 0; j < springs.nodes; ++j) {
     double* const block = springs.hessian + kDim * j * (springs.rows + 1);
     for (int column = 0; column < kDim; ++column) {
       for (int row = column; row < kDim; ++row)
@@ -107,9 +101,7 @@ double differentiate_in(const SpringHessian& springs) {
 }
 
 double run_with_these_instructions(const SpringHessian& springs) {
-  if (springs.hessian == nullptr)
-    return springs.dim == 2 ? differentiate_in<2, false>(springs) : differentiate_in<3, false>(springs);
-  return springs.dim == 2 ? differentiate_in<2, true>(springs) : differentiate_in<3, true>(springs);
+  return springs.dim == 2 ? differentiate_in<2>(springs) : differentiate_in<3>(springs);
 }
 
 // Gauss's elimination without pivoting, as NewtonMatrix has it, of two columns at a time. Vectors begin at

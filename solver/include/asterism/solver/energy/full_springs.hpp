@@ -63,8 +63,8 @@ class FullSprings {
   }
 
   /// Writes gradient and Hessian of all springs and anchors at x, and their energy. See
-  /// lanes_v0_1::SpringHessian for the matrix; without one, the gradient alone. False where a spring is too
-  /// short for the kernel, or the result is not finite.
+  /// lanes_v0_1::SpringHessian for the matrix. False where a spring is too short for the kernel, or the
+  /// result is not finite.
   bool differentiate(const System& system, const Points& x, bool clamp, Points& gradient, double* hessian,
                      std::ptrdiff_t rows, double& energy) {
     double* const points = rows_.data();
@@ -80,7 +80,6 @@ class FullSprings {
       const auto node = node_force(system, i, x, offset);
       energy += node.energy;
       for (int c = 0; c < kDim; ++c) forces[c * stride_ + i] = node.gradient[c];
-      if (hessian == nullptr) continue;
       const auto curvature = anchor_curvature(system, i, offset, clamp);
       for (int c = 0, entry = 0; c < kDim; ++c) {
         for (int r = 0; r <= c; ++r, ++entry) own[entry * stride_ + i] = curvature(r, c);

@@ -3,8 +3,8 @@
 #include <asterism/solver/base/export.hpp>
 #include <cstddef>
 
-// The border between Newton's matrix and its compiled kernels; see asterism/solver/batch/batch_kernels.hpp
-// for what may not be on it.
+// The border between what is computed of fully linked systems and its compiled kernels; see
+// asterism/solver/batch/batch_kernels.hpp for what may not be on it.
 namespace asterism::lanes_v0_1 {
 
 /// Rows and columns of what the kernels read and write begin at multiples of these many numbers.
@@ -30,20 +30,50 @@ struct SpringHessian {
   double* gradient;                ///< as `points`
   /// The nodes' own blocks of the Hessian, symmetric: a row for each of (0, 0), (0, 1), (1, 1), (0, 2), ...
   double* own;
-  /// Its lower triangle, column after column, the nodes' coordinates side by side; or null, for the gradient
-  /// alone.
+  /// Its lower triangle, column after column, the nodes' coordinates side by side.
   double* hessian;
   std::ptrdiff_t rows;  ///< from one column to the next: at least dim * stride
 };
-
-/// Whether the gradient alone is found faster from both ends of each spring than from one: where a root is
-/// no slower than some products.
-ASTERISM_API bool has_fast_roots();
 
 /// The energy of springs and `anchors`; not finite where a spring is shorter than the root of
 /// kLeastLengthSquare, or the gradient is not finite. Numbers of the Hessian above the diagonal and below its
 /// last row are finite.
 ASTERISM_API double differentiate(const SpringHessian& springs);
+
+/// Numbers of type double in a vector of the kernels for this machine, at most kAlignedRows.
+ASTERISM_API int lanes();
+
+/// Hooke's springs between all pairs of nodes, each once: tiles of lanes() x lanes() pairs, of which the
+/// vectors are the diagonals. Of the groups a <= b of so many nodes, diagonal s has the springs of node i of
+/// a and node (i + s) % lanes() of b, for s = 0, 1, ..., and in the tile of one group for s = 1 to lanes() /
+/// 2, the last of which is half empty.
+struct SpringTiles {
+  int nodes;              ///< their number
+  int dim;                ///< 2 or 3
+  std::ptrdiff_t stride;  ///< aligned_rows(nodes)
+  /// For each diagonal, of the tiles (0, 0), (0, 1), ..., (1, 1), ...: stiffness and rest length.
+  const double* springs;
+  const double* anchors;           ///< a row of `stride` numbers for each coordinate; null: see `forces`
+  const double* anchor_stiffness;  ///< a number for each node, then zeros
+  /// Rows as those of `anchors`, in which places behind the nodes' are finite and apart.
+  double* points;
+  double* forces;           ///< rows as well; before, those of anchors that are not in `anchors`
+  const double* from;       ///< points, whose coordinates are side by side
+  const double* direction;  ///< as `from`
+  double step;              ///< the springs are between the points from + step direction
+  double* to;               ///< in the end these points, as `from`
+  double* gradient;         ///< in the end the gradient, as `from`
+};
+
+/// What SpringTiles have at the points where they are.
+struct EnergyAlong {
+  double energy;  ///< of springs and `anchors`
+  double slope;   ///< the gradient times the direction
+};
+
+/// Writes points and gradient. The energy is not finite where two nodes are nearer than the root of
+/// kLeastLengthSquare, or the gradient is not finite.
+ASTERISM_API EnergyAlong differentiate(const SpringTiles& springs);
 
 /// A symmetric matrix and a right-hand side.
 struct NewtonEquations {

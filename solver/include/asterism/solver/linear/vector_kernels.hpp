@@ -18,27 +18,36 @@ struct Columns {
   int size;               ///< of each
 };
 
-/// The product of each column with a vector.
-struct ColumnProducts {
-  Columns columns;       ///< as they are
-  const double* vector;  ///< `size` numbers
-  double* products;      ///< `count` numbers
+/// The last step of a descent and the change of its metric's, as two of the columns, and the products of all
+/// columns with the gradient there.
+struct DescentPair {
+  Columns columns;
+  double* step_column;  ///< one of the columns, which becomes step * direction; null to leave all as they are
+  double* change_column;  ///< another one, which becomes descent_before - descent
+  double step;
+  const double* direction;  ///< `size` numbers, as all that follow
+  const double* descent;
+  const double* descent_before;
+  const double* gradient;
+  const double* gradient_before;
+  double* products;  ///< `count` numbers
 };
 
-/// Writes the products.
-ASTERISM_API void multiply(const ColumnProducts& products);
+/// Writes the two columns and the products. The product of the change with `gradient_before`, or 0.
+ASTERISM_API double update(const DescentPair& pair);
 
 /// scale * first + the columns times their weights.
 struct ColumnSum {
-  Columns columns;        ///< as they are
-  const double* weights;  ///< of each
-  double scale;           ///< of `first`
-  const double* first;    ///< `size` numbers
-  double* sum;            ///< likewise
+  Columns columns;         ///< as they are
+  const double* weights;   ///< of each
+  double scale;            ///< of `first`
+  const double* first;     ///< `size` numbers
+  const double* gradient;  ///< likewise
+  double* sum;             ///< likewise
 };
 
-/// Writes the sum.
-ASTERISM_API void add(const ColumnSum& sum);
+/// Writes the sum. Its product with `gradient`.
+ASTERISM_API double add(const ColumnSum& sum);
 
 /// The number of rows of a symmetric matrix of which the inverse is used.
 inline constexpr int kMostInverted = 64;

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/energy/energy.hpp>
-#include <asterism/solver/energy/full_springs.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/energy/tiled_springs.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <limits>
@@ -55,13 +55,12 @@ class DescentState {
   void start(const System& system, const Points& x, Summary& summary) {
 #ifdef ASTERISM_SOLVER_COMPILED
     if constexpr (kServes) {
-      has_springs_ = system.nodes() >= kLeastNodes && system.nodes() <= kMostNodes &&
-                     Springs::serve(system) && lanes_v0_1::has_fast_roots();
+      has_springs_ = system.nodes() >= kLeastNodes && system.nodes() <= kMostNodes && Springs::serve(system);
       if (has_springs_) springs_.set(system);
     }
 #endif
-    energy_ = lowest_ = evaluate(system, x, gradient_);
-    ++summary.energy_evaluations, ++summary.gradient_evaluations;
+    energy_ = lowest_ = move(system, x, x, 0, summary);
+    gradient_.swap(other_gradient_);
   }
 
   Scalar energy() const { return energy_; }
@@ -83,10 +82,7 @@ class DescentState {
     const Scalar rounding = rounding_of_energy(system, x, lowest_);
     Scalar sure = -1;
     while (true) {
-      other_x_ = x + step * direction;
-      const Scalar energy = evaluate(system, other_x_, other_gradient_);
-      ++summary.energy_evaluations, ++summary.gradient_evaluations;
-      slope_ = other_gradient_.cwiseProduct(direction).sum();
+      const Scalar energy = move(system, x, direction, step, summary);
       const bool lower = energy <= energy_ + kDecrease * step * slope;
       if (lower || (energy <= lowest_ + rounding && slope_ <= -kFlatter * slope)) {
         x.swap(other_x_);
@@ -109,26 +105,35 @@ class DescentState {
   }
 
  private:
-  using Springs = FullSprings<System>;
+  using Springs = TiledSprings<System>;
   struct Nothing {};
   // For which numbers of nodes the kernel pays.
   static constexpr int kLeastNodes = 6;
-  static constexpr int kMostNodes = 40;
+  static constexpr int kMostNodes = 400;
   static constexpr bool kServes =
       Springs::kServes && (System::kMaxNodes == Eigen::Dynamic ||
                            (System::kMaxNodes >= kLeastNodes && System::kMaxNodes <= kMostNodes));
 
-  Scalar evaluate(const System& system, const Points& x, Points& gradient) {
+  // Energy, gradient and slope at x + step * direction.
+  Scalar move(const System& system, const Points& x, const Points& direction, Scalar step, Summary& summary) {
+    ++summary.energy_evaluations, ++summary.gradient_evaluations;
 #ifdef ASTERISM_SOLVER_COMPILED
     if constexpr (kServes) {
       Scalar energy = 0;
-      if (has_springs_ && springs_.differentiate(system, x, false, gradient, nullptr, 0, energy)) {
-        clear_fixed(system, gradient);
+      if (has_springs_ &&
+          springs_.differentiate(system, x, direction, step, other_x_, other_gradient_, energy, slope_)) {
+        if (system.fixed_count() > 0) {
+          clear_fixed(system, other_gradient_);
+          slope_ = other_gradient_.cwiseProduct(direction).sum();
+        }
         return energy;
       }
     }
 #endif
-    return energy_and_gradient(system, x, gradient);
+    other_x_ = x + step * direction;
+    const Scalar energy = energy_and_gradient(system, other_x_, other_gradient_);
+    slope_ = other_gradient_.cwiseProduct(direction).sum();
+    return energy;
   }
 
   std::conditional_t<kServes, Springs, Nothing> springs_;

@@ -95,8 +95,7 @@ Summary Lbfgs<System, Metric>::run(const System& given, Points& x) {
       }
       if (session_.stalls(x, state_.gradient(), summary.iterations)) return Status::NoProgress;
 
-      pairs_.direction(descent_, direction_);
-      Scalar slope = state_.gradient().cwiseProduct(direction_).sum();
+      Scalar slope = pairs_.direction(descent_, state_.gradient(), direction_);
       Scalar step = 1;
       while (!(slope < 0) || !state_.search(system, x, direction_, slope, step, summary)) {
         if (pairs_.empty()) return Status::NoProgress;

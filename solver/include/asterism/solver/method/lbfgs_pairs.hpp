@@ -37,12 +37,13 @@ class LbfgsPairs {
     of_gradient_ = {};
   }
 
-  /// -H g for the gradient g of the last `add`; `descent` is -M^-1 g.
+  /// Writes -H g for the gradient g of the last `add`, which is given again; `descent` is -M^-1 g. Returns
+  /// its product with the gradient.
   template <typename Points>
-  void direction(const Points& descent, Points& result) const {
+  Scalar direction(const Points& descent, const Points& gradient, Points& result) const {
     if (used_ == 0) {
       result = descent;
-      return;
+      return gradient.cwiseProduct(result).sum();
     }
     result.resizeLike(descent);
     std::array<Scalar, kPairs> u{};  // R^-1 S^T g
@@ -50,7 +51,7 @@ class LbfgsPairs {
     for (int i = used_ - 1; i >= 0; --i) {
       const std::size_t at = slot(i);
       Scalar rest = of_gradient_[at];
-      for (int j = i + 1; j < used_; ++j) rest -= steps_changes_[at][slot(j)] * u[slot(j)];
+      for (int j = used_ - 1; j > i; --j) rest -= steps_changes_[at][slot(j)] * u[slot(j)];
       u[at] = rest * inverse_curvatures_[at];
     }
     for (int i = 0; i < used_; ++i) {  // -R^-T ((D + gamma Y^T W) u - gamma W^T g)
@@ -62,7 +63,7 @@ class LbfgsPairs {
       weights[at] = rest * inverse_curvatures_[at];
     }
     for (std::size_t c = 0; c < kPairs; ++c) weights[kPairs + c] = gamma_ * u[c];
-    add_columns(weights, descent.data(), result.data());
+    return add_columns(weights, descent, gradient, result);
   }
 
   /// Remembers `step` times `direction`, which has led to `gradient`, unless the slope along it has hardly
@@ -76,20 +77,12 @@ class LbfgsPairs {
     const bool is_taken = curvature > kCurvature * step * -slope_before;
     const auto before = of_gradient_;
     const std::size_t newest = next_;
-    Scalar newest_before = 0;
     if (is_taken) {
-      using Row = Eigen::Map<const Eigen::Array<Scalar, kSize, 1>>;
-      const auto row = [&](const Points& points) { return Row(points.data(), size()); };
-      auto change =
-          columns_.col(static_cast<Eigen::Index>(kPairs + newest)).template head<kSize>(size()).array();
-      columns_.col(static_cast<Eigen::Index>(newest)).template head<kSize>(size()).array() =
-          step * row(direction);
-      change = row(descent_before) - row(descent);
-      newest_before = (change * row(gradient_before)).sum();
       next_ = (next_ + 1) % kPairs;
       used_ = std::max(used_, static_cast<int>(newest) + 1);
     }
-    multiply(gradient.data());
+    const Scalar newest_before =
+        update(is_taken, newest, step, direction, descent, descent_before, gradient, gradient_before);
     if (!is_taken) return;
     for (std::size_t i = 0; i < kPairs; ++i) {
       if (i == newest) continue;
@@ -132,51 +125,82 @@ class LbfgsPairs {
   }
 #endif
 
-  // S^T g and W^T g; slots that are not in use are 0.
-  void multiply(const Scalar* gradient) {
+  // Writes the columns of the newest pair, if it is taken, and S^T g and W^T g; slots that are not in use are
+  // 0. The product of the newest column of W with `gradient_before`.
+  template <typename Points>
+  Scalar update(bool is_taken, std::size_t newest, Scalar step, const Points& direction,
+                const Points& descent, const Points& descent_before, const Points& gradient,
+                const Points& gradient_before) {
+    Scalar* const step_column = columns_.data() + static_cast<Eigen::Index>(newest) * columns_.rows();
+    Scalar* const change_column = step_column + static_cast<Eigen::Index>(kPairs) * columns_.rows();
 #ifdef ASTERISM_SOLVER_COMPILED
     if constexpr (std::is_same_v<Scalar, double>) {
       if (size() >= lanes_v0_1::kLeastKernelSize)
-        return lanes_v0_1::multiply({columns(), gradient, of_gradient_.data()});
+        return lanes_v0_1::update({.columns = columns(),
+                                   .step_column = is_taken ? step_column : nullptr,
+                                   .change_column = change_column,
+                                   .step = step,
+                                   .direction = direction.data(),
+                                   .descent = descent.data(),
+                                   .descent_before = descent_before.data(),
+                                   .gradient = gradient.data(),
+                                   .gradient_before = gradient_before.data(),
+                                   .products = of_gradient_.data()});
     }
 #endif
+    Scalar newest_before = 0;
+    if (is_taken) {
+      using Row = Eigen::Map<const Eigen::Array<Scalar, kSize, 1>>;
+      using Column = Eigen::Map<Eigen::Array<Scalar, kSize, 1>>;
+      const auto row = [&](const Points& points) { return Row(points.data(), size()); };
+      Column change(change_column, size());
+      Column(step_column, size()) = step * row(direction);
+      change = row(descent_before) - row(descent);
+      newest_before = (change * row(gradient_before)).sum();
+    }
     const Eigen::Index whole = size() - size() % kWidth, stride = columns_.rows();
     Pack sums[2 * kMemory];
     for (Pack& sum : sums) sum.setZero();
     for (Eigen::Index i = 0; i < whole; i += kWidth) {
-      const Pack at = Eigen::Map<const Pack>(gradient + i);
+      const Pack at = Eigen::Map<const Pack>(gradient.data() + i);
       for (int c = 0; c < 2 * kMemory; ++c)
         sums[c] += Eigen::Map<const Pack>(columns_.data() + c * stride + i) * at;
     }
     for (int c = 0; c < 2 * kMemory; ++c) {
       Scalar& product = of_gradient_[static_cast<std::size_t>(c)];
       product = sums[c].sum();
-      for (Eigen::Index i = whole; i < size(); ++i) product += columns_(i, c) * gradient[i];
+      for (Eigen::Index i = whole; i < size(); ++i) product += columns_(i, c) * gradient.data()[i];
     }
+    return newest_before;
   }
 
-  // result = gamma descent + the columns times their weights.
-  void add_columns(const Products& weights, const Scalar* descent, Scalar* result) const {
+  // result = gamma descent + the columns times their weights. Its product with the gradient.
+  template <typename Points>
+  Scalar add_columns(const Products& weights, const Points& descent, const Points& gradient,
+                     Points& result) const {
 #ifdef ASTERISM_SOLVER_COMPILED
     if constexpr (std::is_same_v<Scalar, double>) {
       if (size() >= lanes_v0_1::kLeastKernelSize)
-        return lanes_v0_1::add({columns(), weights.data(), gamma_, descent, result});
+        return lanes_v0_1::add(
+            {columns(), weights.data(), gamma_, descent.data(), gradient.data(), result.data()});
     }
 #endif
     const Eigen::Index whole = size() - size() % kWidth, stride = columns_.rows();
+    const Scalar* const first = descent.data();
+    Scalar* const to = result.data();
     for (Eigen::Index i = 0; i < whole; i += kWidth) {
-      Pack sum = gamma_ * Eigen::Map<const Pack>(descent + i);
+      Pack sum = gamma_ * Eigen::Map<const Pack>(first + i);
       for (int c = 0; c < 2 * kMemory; ++c) {
         sum +=
             weights[static_cast<std::size_t>(c)] * Eigen::Map<const Pack>(columns_.data() + c * stride + i);
       }
-      Eigen::Map<Pack>(result + i) = sum;
+      Eigen::Map<Pack>(to + i) = sum;
     }
     for (Eigen::Index i = whole; i < size(); ++i) {
-      result[i] = gamma_ * descent[i];
-      for (int c = 0; c < 2 * kMemory; ++c)
-        result[i] += weights[static_cast<std::size_t>(c)] * columns_(i, c);
+      to[i] = gamma_ * first[i];
+      for (int c = 0; c < 2 * kMemory; ++c) to[i] += weights[static_cast<std::size_t>(c)] * columns_(i, c);
     }
+    return gradient.cwiseProduct(result).sum();
   }
 
   // S and W. What follows is initialised for a new object to be moved into this one.
