@@ -365,6 +365,15 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
   EXPECT_EQ(refusal(R"(dpt{"part": {"model": "kcf", "lambda": -1}})"),
             "kcf: KcfOptions: lambda must be in [1e-09, 1000000000], is -1");
   EXPECT_EQ(refusal(R"(dpt{"spring_rate": 2})"), "DptOptions: spring_rate must be in [0, 1], is 2");
+  EXPECT_EQ(refusal(R"(dpt_plus{"redetct": true})"),
+            "dpt_plus: unknown option 'redetct', did you mean 'redetect'?");
+  EXPECT_EQ(refusal(R"(kalman{"off": "kcf"})"), "kalman: unknown option 'off', did you mean 'of'?");
+  EXPECT_EQ(refusal(R"(kalman{"of": {"tracker": "lgt", "redetct": true}})"),
+            "lgt: unknown option 'redetct', did you mean 'redetect'?");
+  EXPECT_EQ(refusal(R"(dpt{"solver": {"methd": "newton"}})"),
+            "dpt: unknown option 'solver.methd', did you mean 'method'?");
+  EXPECT_EQ(refusal(R"(dpt{"solver": {"max_iteration": 3}})"),
+            "ida: unknown option 'max_iteration', did you mean 'max_iterations'?");
   EXPECT_EQ(refusal(R"({"part": "kcf"})"), "a tracker's description must have its name as \"tracker\"");
   EXPECT_NE(refusal(R"({"tracker": "dp"})").find("unknown tracker 'dp', did you mean 'dpt'?"),
             std::string::npos);
@@ -373,6 +382,11 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
     EXPECT_NE(refusal(of_dpt_plus).find("did you mean 'dpt_plus'? (known"), std::string::npos) << of_dpt_plus;
   for (const char* of_opencv : {"csrt", "CSRT", "opencv-csrt", "opencv_csrt"})
     EXPECT_NE(refusal(of_opencv).find("asterism-eval runs as 'opencv-csrt'"), std::string::npos) << of_opencv;
+  for (const auto& [of_others, evaluated] :
+       {std::pair("dlib", "dlib"), std::pair("nanotrack", "nanotrack:FOLDER"),
+        std::pair("trax:kcf", "trax:kcf")})
+    EXPECT_NE(refusal(of_others).find(std::string(" as '") + evaluated + "'"), std::string::npos)
+        << of_others;
   EXPECT_NE(refusal("dpt{").find("dpt: its options are not a JSON object"), std::string::npos);
   EXPECT_NE(refusal("{").find("not a JSON object"), std::string::npos);
   EXPECT_NE(refusal(R"({"tracker": "dpt", "spring_rate": 1e999})").find("not a JSON object"),

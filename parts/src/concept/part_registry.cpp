@@ -3,6 +3,7 @@
 #include <link.h>
 
 #include <algorithm>
+#include <array>
 #include <asterism/parts/concept/part_options.hpp>
 #include <asterism/parts/concept/part_plugin.hpp>
 #include <asterism/parts/concept/part_registry.hpp>
@@ -63,10 +64,9 @@ class OptionReader : public OptionVisitor {
     const Level& level = levels_.back();
     for (const auto& [name, value] : level.json->items())
       if (level.visited.empty())
-        throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "': it has no options");
+        unknown(name, ": it has no options");
       else if (!level.visited.contains(name))
-        throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "'" +
-                                    detail::name_hint(level.path + name, level.paths()));
+        unknown(name, detail::name_hint(level.path + name, level.paths()));
     levels_.pop_back();
   }
 
@@ -119,6 +119,8 @@ class OptionReader : public OptionVisitor {
       } else if (value.is_number()) {
         solver.options.emplace_back(option, value.get<double>());
       } else {
+        const std::string near = detail::near_name(option, std::array{std::string("method")});
+        if (!near.empty()) unknown(std::string(name) + '.' + option, near);
         refuse(std::string(name) + '.' + option, "must be a number, true or false", value);
       }
     }
@@ -148,6 +150,9 @@ class OptionReader : public OptionVisitor {
     const Json* json = find(name);
     if (json != nullptr && !json->is_object()) refuse(name, "must be an object", *json);
     levels_.push_back({levels_.back().path + std::string(name) + '.', json == nullptr ? &kNone : json, {}});
+  }
+  [[noreturn]] void unknown(const std::string& name, const std::string& hint) const {
+    throw std::invalid_argument(of_ + ": unknown option '" + levels_.back().path + name + "'" + hint);
   }
   [[noreturn]] void refuse(std::string_view name, const std::string& what, const Json& found) const {
     throw std::invalid_argument(of_ + ": option '" + levels_.back().path + std::string(name) + "' " + what +

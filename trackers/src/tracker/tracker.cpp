@@ -20,6 +20,7 @@
 #include <string_view>
 #include <utility>
 #ifdef ASTERISM_TRACKERS_JSON
+#include <asterism/parts/concept/option_text.hpp>
 #include <asterism/parts/concept/part_registry.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <nlohmann/json.hpp>
@@ -35,14 +36,35 @@ constexpr char kNeedsJson[] =
     "options of trackers need a build with nlohmann-json (Debian package nlohmann-json3-dev)";
 #endif
 
+#ifdef ASTERISM_TRACKERS_JSON
+// The options of one tracker, and the option "redetect", which every tracker has.
+template <class Options>
+struct AllOptions {
+  Options& own;
+  bool& redetect;
+};
+
+template <class Options>
+void visit_options(OptionVisitor& visit, AllOptions<Options>& options) {
+  visit_options(visit, options.own);
+  if constexpr (std::same_as<Options, KalmanOptions>) {
+    OptionText of;  // make_kalman has read it; here it becomes a known name
+    visit("of", of, of.text);
+  }
+  visit("redetect", options.redetect);
+}
+#endif
+
 // `options` with the values in a JSON object; an empty text sets none.
 template <class Options>
-Options with(Options options, std::string_view name, std::string_view json) {
+Options with(Options options, std::string_view name, std::string_view json, bool& redetect) {
   if (json.empty()) return options;
 #ifdef ASTERISM_TRACKERS_JSON
-  PartRegistry().read(std::string(name), json, options);
+  AllOptions<Options> all{options, redetect};
+  PartRegistry().read(std::string(name), json, all);
   return options;
 #else
+  static_cast<void>(redetect);
   throw std::invalid_argument(std::string(name) + ": " + kNeedsJson);
 #endif
 }
@@ -64,7 +86,7 @@ nlohmann::ordered_json parse(std::string_view text) { return nlohmann::ordered_j
 
 // A Kalman tracker around the tracker that the option `of` describes.
 template <class Made>
-Made make_kalman(std::string_view name, std::string_view json) {
+Made make_kalman(std::string_view name, std::string_view json, bool& redetect) {
   std::string of = "dpt", options(json);
 #ifdef ASTERISM_TRACKERS_JSON
   detail::check_nesting(std::string(name), json);
@@ -75,7 +97,7 @@ Made make_kalman(std::string_view name, std::string_view json) {
     options = object.dump();
   }
 #endif
-  Made made = KalmanTracker(make_tracker(of), with(KalmanOptions(), name, options));
+  Made made = KalmanTracker(make_tracker(of), with(KalmanOptions(), name, options, redetect));
 #ifdef ASTERISM_TRACKERS_JSON
   if constexpr (std::same_as<Made, ListedTracker>) {
     nlohmann::ordered_json all = {{"of", parse(tracker_options(of))}};
@@ -156,7 +178,7 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
   return {};
 }
 
-// Suggests the nearest known name, except for OpenCV's trackers: none of ours is meant by their names.
+// Suggests the nearest known name, except for trackers that only asterism-eval has: none of ours is meant.
 [[noreturn]] void refuse_name(const std::string& name) {
   const std::vector<std::string> names = tracker_names();
   std::string plain;
@@ -164,54 +186,47 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
   const bool is_prefixed = plain.starts_with("opencv-") || plain.starts_with("opencv_");
   const std::string of_opencv = is_prefixed ? plain.substr(7) : plain;
   std::string hint = detail::near_name(detail::letters_of(name), names, detail::letters_of);
-  const auto answer = [&](std::initializer_list<std::string_view> theirs, const std::string& condition) {
-    if (std::find(theirs.begin(), theirs.end(), of_opencv) != theirs.end())
-      hint = ": it is OpenCV's, which asterism-eval runs as 'opencv-" + of_opencv + "'" + condition +
-             "; our most accurate one is 'dpt_plus'";
+  const auto answer = [&](const std::string& whose, const std::string& evaluated, const char* condition) {
+    hint = ": it is " + whose + ", which asterism-eval runs as '" + evaluated + "'" + condition +
+           "; our most accurate one is 'dpt_plus'";
   };
-  answer({"csrt", "mil", "mosse", "medianflow", "tld", "boosting"}, "");
-  answer({"goturn", "dasiamrpn", "nano", "vit"}, " if it finds the files of its network");
+  const auto is_one_of = [&](std::initializer_list<std::string_view> theirs) {
+    return std::find(theirs.begin(), theirs.end(), of_opencv) != theirs.end();
+  };
+  if (is_one_of({"csrt", "mil", "mosse", "medianflow", "tld", "boosting"}))
+    answer("OpenCV's", "opencv-" + of_opencv, "");
+  if (is_one_of({"goturn", "dasiamrpn", "nano", "vit"}))
+    answer("OpenCV's", "opencv-" + of_opencv, " if it finds the files of its network");
+  if (plain.starts_with("dlib")) answer("dlib's", "dlib", "");
+  if (plain.starts_with("nanotrack"))
+    hint = ": asterism-eval runs it as 'nanotrack:FOLDER'; 'dpt_net:FOLDER' is DPT with its network";
+  if (plain.starts_with("trax:")) answer("another program's", name, "");
   throw std::invalid_argument("unknown tracker '" + name + "'" + hint + detail::known_names(names));
 }
 
-// Makes a tracker by its name, as an AnyTracker or another type that any tracker converts to.
+// Makes a tracker by its name, as an AnyTracker or another type that any tracker converts to, and sets
+// `redetect` if its options do.
 template <class Made>
-Made make_plain(std::string_view name, std::string_view json) {
-  if (const auto options = dpt_variant(name)) return GatedTracker(Dpt(with(*options, name, json)));
-  if (const auto options = dpt_net(name)) return GatedTracker(Dpt(with(*options, name, json)));
+Made make_plain(std::string_view name, std::string_view json, bool& redetect) {
+  if (const auto options = dpt_variant(name)) return GatedTracker(Dpt(with(*options, name, json, redetect)));
+  if (const auto options = dpt_net(name)) return GatedTracker(Dpt(with(*options, name, json, redetect)));
   if (const auto options = coarse_variant(name))
-    return GatedTracker(CoarseTracker(with(*options, name, json)));
-  if (name == "lgt") return GatedTracker(Lgt(with(LgtOptions(), name, json)));
-  if (name == "kalman") return make_kalman<Made>(name, json);
+    return GatedTracker(CoarseTracker(with(*options, name, json, redetect)));
+  if (name == "lgt") return GatedTracker(Lgt(with(LgtOptions(), name, json, redetect)));
+  if (name == "kalman") return make_kalman<Made>(name, json, redetect);
   refuse_name(std::string(name));
 }
 
-// The same with the option "redetect", which every tracker has, and which is no member of its options.
 template <class Made>
 Made make_named(std::string_view name, std::string_view json) {
-#ifdef ASTERISM_TRACKERS_JSON
-  detail::check_nesting(std::string(name), json);
-  auto object = nlohmann::ordered_json::parse(json, nullptr, false);  // refused below if not an object
-  std::string others(json);
   bool redetect = false;
-  if (object.is_object() && object.contains("redetect")) {
-    if (!object["redetect"].is_boolean())
-      throw std::invalid_argument(std::string(name) + ": option 'redetect' must be true or false, not " +
-                                  object["redetect"].dump());
-    redetect = object["redetect"].get<bool>();
-    object.erase("redetect");
-    others = object.dump();
-  }
-  Made made = make_plain<Made>(name, others);
+  Made made = make_plain<Made>(name, json, redetect);
   if constexpr (std::same_as<Made, AnyTracker>) {
     if (redetect) return RedetectingTracker(std::move(made));
   } else {
     made.options["redetect"] = redetect;
   }
   return made;
-#else
-  return make_plain<Made>(name, json);
-#endif
 }
 
 // Makes a tracker by its description and stores its name in `name`.
