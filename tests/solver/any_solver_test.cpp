@@ -1,11 +1,13 @@
 // Solvers chosen at run time, their options by name, and a user-defined solver.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <asterism/solver.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace asterism {
 namespace {
@@ -123,6 +125,20 @@ TEST(AnySolver, OptionsByName) {
   EXPECT_EQ(refusal("newton", {{"align", 1}}), "newton: option 'align' must be true or false");
   EXPECT_EQ(refusal("multi-start", {{"seed", -1}}),
             "multi-start: option 'seed' must be an integer that is not negative");
+}
+
+TEST(AnySolver, TheHeadersAloneNameTheLibraryThatHasTheOtherMethods) {
+  std::vector<std::string> known = {"auto", "ida", "newton", "lbfgs", "ncg"};
+  for (const std::string& name : solver_registry<System>().names()) {
+    const std::string message = detail::unknown_method(name, known, detail::compiled_method);
+    const bool is_template = std::ranges::find(known, name) != known.end() || name.starts_with("ncg-") ||
+                             name == "ida-sparse" || name == "lbfgs-jacobi";
+    EXPECT_EQ(
+        message.starts_with("unknown method '" + name + "': use asterism::solver_compiled, which has '" +
+                            name + "' (known: auto, "),
+        !is_template)
+        << message;
+  }
 }
 
 // Without the compiled library, a registry knows no names of other libraries.

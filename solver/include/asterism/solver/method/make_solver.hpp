@@ -16,6 +16,7 @@
 #include <asterism/solver/method/branch_and_bound.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
 #endif
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -30,6 +31,16 @@ template <typename System>
 using CentralCg = NonlinearCg<System, CentralDifferences<System>>;
 template <typename System>
 using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
+
+/// For SolverRegistry::set_elsewhere: where a method is that the headers alone do not have.
+inline std::string compiled_method(std::string_view letters, const std::vector<std::string>&) {
+  for (const std::string_view name : {"newton-cg", "newton-sparse", "schwarz", "schwarz-direct",
+                                      "multi-start", "staircase", "graduated", "branch-and-bound"}) {
+    if (letters == letters_of(name))
+      return "asterism::solver_compiled, which has '" + std::string(name) + "'";
+  }
+  return {};
+}
 
 }  // namespace detail
 
@@ -62,6 +73,8 @@ SolverRegistry<System> solver_registry() {
   }
   if constexpr (detail::is_searchable<System>())
     registry.template add<BranchAndBound<System>>("branch-and-bound");
+#else
+  registry.set_elsewhere(detail::compiled_method);
 #endif
   return registry;
 }
