@@ -28,25 +28,6 @@ bool same_values(const System<Dim>& a, const System<Dim>& b) {
          same(a.rest_offset, b.rest_offset) && same(a.loads, b.loads);
 }
 
-/// Says which array was never filled, if that is why a system was refused; else empty.
-template <int Dim>
-std::string unset(const System<Dim>& s, const Summary& summary) {
-  const auto says = [&](const auto& values, std::string_view element, std::string_view array) -> std::string {
-    if (values.size() == 0 || !values.isNaN().all() ||
-        !std::string_view(summary.message).starts_with(element))
-      return {};
-    return std::string(array) + ": not set (" + std::string(element) + "is NaN)";
-  };
-  for (const std::string& reason :
-       {says(s.anchors.array(), "anchor 0 ", "anchors"),
-        says(s.anchor_stiffness.array(), "anchor stiffness 0 ", "anchor_stiffness"),
-        says(s.rest_length.array(), "rest length 0 ", "rest_length"),
-        says(s.link_stiffness.array(), "link stiffness 0 ", "link_stiffness")}) {
-    if (!reason.empty()) return reason;
-  }
-  return {};
-}
-
 /// asterism.Solver: a method for systems of both dimensions, which keeps its memory between solves.
 class Solver {
  public:
@@ -79,7 +60,7 @@ class Solver {
           run(solver<Dim>(), s, points, on_iteration, may_be_long(s.link_count(), most_rounds_),
               [&] { return same_values(s, *given); });
       if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
-      return checked(summary, check, unset(s, summary));
+      return checked(summary, check);
     });
   }
 

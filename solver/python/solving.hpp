@@ -98,11 +98,10 @@ py::dict options_of(AnySolver<S>& solver) {
   return list.values;
 }
 
-/// What a solve returns to Python: for `check`, ValueError for input that the method refused, with `reason`
-/// or else the summary's message, and MemoryError if memory ran out.
-inline const Summary& checked(const Summary& summary, bool check, const std::string& reason = {}) {
-  if (check && summary.status == Status::InvalidInput)
-    throw py::value_error(reason.empty() ? std::string(summary.message) : reason);
+/// What a solve returns to Python: for `check`, ValueError for input that the method refused, with the
+/// summary's message, and MemoryError if memory ran out.
+inline const Summary& checked(const Summary& summary, bool check) {
+  if (check && summary.status == Status::InvalidInput) throw py::value_error(std::string(summary.message));
   if (check && summary.status == Status::OutOfMemory) {
     PyErr_SetString(PyExc_MemoryError, std::string(summary.message).c_str());
     throw py::error_already_set();

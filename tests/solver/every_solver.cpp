@@ -458,7 +458,13 @@ class EverySolver : public ::testing::Test {
              ++l;
            }
          }},
-        {"anchor 0 is not finite", [](System& s, Points&) { s = System(s.topology()); }},
+        {"anchors were not set (anchor 0 is NaN)", [](System& s, Points&) { s = System(s.topology()); }},
+        {"anchor stiffness was not set (entry 0 is NaN)",
+         [](System& s, Points&) { s.anchor_stiffness.setConstant(Scalar(kNan)); }},
+        {"rest length was not set (entry 0 is NaN)",
+         [](System& s, Points&) { s.rest_length.setConstant(Scalar(kNan)); }},
+        {"link stiffness was not set (entry 0 is NaN)",
+         [](System& s, Points&) { s.link_stiffness.setConstant(Scalar(kNan)); }},
     };
     const auto from_list = [](std::vector<Link> links) {
       return [links](System& s, Points&) { s = System(System::TopologyType::from_links(kNodes, links)); };

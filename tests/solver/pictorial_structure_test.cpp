@@ -238,7 +238,7 @@ TEST(MBestPlacements, AreTheBestThatDifferByADistance) {
   }
   EXPECT_GT(several, 50);
   const Problem problem = random_problem(rng, 2, 4, 0);
-  EXPECT_EQ(search.solve(problem.joints, problem.maps, 0, 1, placements).message, "count is below 1");
+  EXPECT_EQ(search.solve(problem.joints, problem.maps, 0, 1, placements).message, "count 0 is below 1");
   EXPECT_EQ(search.solve(problem.joints, problem.maps, 2, -1, placements).message,
             "distance is negative or NaN");
   EXPECT_EQ(search.solve({}, problem.maps, 2, 1, placements).message,

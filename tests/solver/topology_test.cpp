@@ -181,7 +181,12 @@ TEST(Topology, RefusesWhatItsTypeCannotHold) {
   EXPECT_EQ(Topology<4>::full(3).nodes(), 4);
   EXPECT_TRUE((Topology<Eigen::Dynamic, 4>::full(5).defect()));
   EXPECT_FALSE((Topology<Eigen::Dynamic, 4>::full(3).defect()));
-  EXPECT_TRUE(Topology<>::full(-2).defect());
+  const auto reason = [](const Defect& defect) { return std::string(std::string_view(Message(defect))); };
+  EXPECT_EQ(reason(Topology<>::full(-1).defect()), "node count -1 is negative");
+  EXPECT_EQ(reason(Topology<4>::full(5).defect()), "node count 5 does not fit the topology's type");
+  EXPECT_EQ(reason(Topology<>::star(3, -1).defect()), "centre -1 is out of range");
+  EXPECT_EQ(reason(Topology<>::k_nearest(Eigen::Matrix2d::Zero(), -1).defect()),
+            "neighbour count -1 is negative");
   const Link repeated[] = {{0, 1}, {1, 0}};
   EXPECT_FALSE(Topology<>::from_links(2, repeated).defect());
   EXPECT_EQ(Topology<2>::from_links(2, repeated).defect().index, 1);  // space for one link

@@ -14,18 +14,29 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// Whether a number is neither infinite nor NaN.
 template <typename Scalar>
-constexpr bool is_finite(Scalar value) {
+constexpr auto bits_of(Scalar value) {
   static_assert(std::numeric_limits<Scalar>::is_iec559 && (sizeof(Scalar) == 4 || sizeof(Scalar) == 8));
-  using Bits = std::conditional_t<sizeof(Scalar) == 4, std::uint32_t, std::uint64_t>;
-  constexpr auto kExponent = std::bit_cast<Bits>(std::numeric_limits<Scalar>::infinity());
-  auto bits = std::bit_cast<Bits>(value);
+  auto bits = std::bit_cast<std::conditional_t<sizeof(Scalar) == 4, std::uint32_t, std::uint64_t>>(value);
 #if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
   // Not to be concluded from how the value came about.
   if (!std::is_constant_evaluated()) asm("" : "+r"(bits));
 #endif
-  return (bits & kExponent) != kExponent;
+  return bits;
+}
+
+/// Whether a number is neither infinite nor NaN.
+template <typename Scalar>
+constexpr bool is_finite(Scalar value) {
+  constexpr auto kExponent = bits_of(std::numeric_limits<Scalar>::infinity());
+  return (bits_of(value) & kExponent) != kExponent;
+}
+
+/// Whether a number is NaN.
+template <typename Scalar>
+constexpr bool is_nan(Scalar value) {
+  constexpr auto kInfinity = bits_of(std::numeric_limits<Scalar>::infinity());
+  return (bits_of(value) & ~bits_of(Scalar(-0.0))) > kInfinity;
 }
 
 /// Whether all numbers are finite and, with kPositive, have no sign. A vector of 16 bytes at a time, as the

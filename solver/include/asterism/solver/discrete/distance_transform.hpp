@@ -40,11 +40,11 @@ class DistanceTransform {
   /// is then as it was. NaN and minus infinity are refused.
   Message run(const MapView<const float>& f, const DisplacementCost& cost, const MapView<float>& result) {
     float least = 0;
-    if (const char* problem = detail::map_problem(f, least)) return Defect{"map", -1, problem};
-    if (result.empty()) return Defect{"result", -1, "is empty"};
+    if (const char* problem = detail::map_problem(f, least)) return Defect{"map", Defect::kNoIndex, problem};
+    if (result.empty()) return Defect{"result", Defect::kNoIndex, "is empty"};
     if (result.width > 1 << 20 || result.height > 1 << 20)
-      return Defect{"result", -1, "is wider or higher than 2^20"};
-    if (const char* problem = cost.problem()) return Defect{"cost", -1, problem};
+      return Defect{"result", Defect::kNoIndex, "is wider or higher than 2^20"};
+    if (const char* problem = cost.problem()) return Defect{"cost", Defect::kNoIndex, problem};
     Message message;
     detail::attempt<std::bad_alloc>(
         [&] {

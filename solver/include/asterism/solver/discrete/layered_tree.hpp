@@ -156,14 +156,15 @@ Defect LayeredTree::find_defect(std::span<const AnyJoint> joints, std::span<cons
                                 std::span<const MapView<const float>> maps) {
   constexpr bool kHasLayers = requires(const AnyJoint& joint) { joint.layer; };
   constexpr auto kMost = static_cast<std::size_t>(std::numeric_limits<int>::max());
-  if (scales.empty()) return {"scales", -1, "are none"};
+  if (scales.empty()) return {"scales", Defect::kNoIndex, "are none"};
   for (std::size_t l = 0; l < scales.size(); ++l) {
     if (!(scales[l] >= 1e-3 && scales[l] <= 1e3))
       return {"scale", static_cast<int>(l), "is not between 1/1000 and 1000"};
   }
-  if (maps.empty()) return {"maps", -1, "are none"};
-  if (maps.size() > kMost) return {"maps", -1, "are more than can be counted"};
-  if (maps.size() % scales.size() != 0) return {"maps", -1, "are not as many for each part as scales"};
+  if (maps.empty()) return {"maps", Defect::kNoIndex, "are none"};
+  if (maps.size() > kMost) return {"maps", Defect::kNoIndex, "are more than can be counted"};
+  if (maps.size() % scales.size() != 0)
+    return {"maps", Defect::kNoIndex, "are not as many for each part as scales"};
   EnergyRange range;
   float least = 0;  // of the part
   for (std::size_t i = 0; i < maps.size(); ++i) {
@@ -176,10 +177,10 @@ Defect LayeredTree::find_defect(std::span<const AnyJoint> joints, std::span<cons
     if (maps[i].width != first.width || maps[i].height != first.height)
       return {"map", static_cast<int>(i), "is not of the size of the part's first layer"};
   }
-  if (range.is_below_floats()) return {"maps", -1, kBelowFloats};
+  if (range.is_below_floats()) return {"maps", Defect::kNoIndex, kBelowFloats};
   const std::size_t parts = maps.size() / scales.size();
   if (joints.size() + 1 != parts)
-    return {"joints", -1,
+    return {"joints", Defect::kNoIndex,
             kHasLayers ? "are not one fewer than parts: no tree of all"
                        : "are not one fewer than maps: no tree of all"};
   for (std::size_t k = 0; k < joints.size(); ++k) {
@@ -332,7 +333,7 @@ inline Message LayeredTree::min_marginals(int of, const MapView<float>& result) 
   if (of < 0 || of >= static_cast<int>(parts_.size())) return Defect{"part", of, "is out of range"};
   const MapView<const float>& map = part(of).layers[0].map;
   if (result.empty() || result.width != map.width || result.height != map.height)
-    return Defect{"result", -1, "is not of the size of the part's map"};
+    return Defect{"result", Defect::kNoIndex, "is not of the size of the part's map"};
   Message message;
   const auto work = [&] {
     path_.clear();

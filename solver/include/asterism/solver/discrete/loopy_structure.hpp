@@ -150,10 +150,10 @@ class LoopyStructure {
 
 inline Defect LoopyStructure::find_defect(std::span<const Joint> joints,
                                           std::span<const MapView<const float>> maps) {
-  if (maps.empty()) return {"maps", -1, "are none"};
+  if (maps.empty()) return {"maps", Defect::kNoIndex, "are none"};
   if (maps.size() > static_cast<std::size_t>(std::numeric_limits<int>::max()) ||
       joints.size() > static_cast<std::size_t>(std::numeric_limits<int>::max()))
-    return {"maps", -1, "or joints are more than can be counted"};
+    return {"maps", Defect::kNoIndex, "or joints are more than can be counted"};
   const auto parts = static_cast<int>(maps.size());
   detail::EnergyRange range;
   for (int i = 0; i < parts; ++i) {
@@ -167,7 +167,7 @@ inline Defect LoopyStructure::find_defect(std::span<const Joint> joints,
     }
     if (!has_place) return {"map", i, "forbids every position"};
   }
-  if (range.is_below_floats()) return {"maps", -1, detail::kBelowFloats};
+  if (range.is_below_floats()) return {"maps", Defect::kNoIndex, detail::kBelowFloats};
   for (std::size_t k = 0; k < joints.size(); ++k) {
     if (const char* problem = detail::joint_problem(joints[k], parts))
       return {"joint", static_cast<int>(k), problem};

@@ -47,8 +47,8 @@ class MBestPlacements {
     found_ = 0;
     if (count < 1 || !(distance >= 0))
       return detail::without_placement<PictorialSummary>(
-          Status::InvalidInput,
-          count < 1 ? Defect{"count", -1, "is below 1"} : Defect{"distance", -1, "is negative or NaN"});
+          Status::InvalidInput, count < 1 ? Defect{"count", count, "is below 1"}
+                                          : Defect{"distance", Defect::kNoIndex, "is negative or NaN"});
     const auto summary = detail::within_memory<PictorialSummary>(
         [&] { return search(joints, maps, count, distance, placements); });
     if (summary.status == Status::OutOfMemory) found_ = 0;

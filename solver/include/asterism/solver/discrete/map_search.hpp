@@ -55,7 +55,7 @@ class EnergyRange {
   /// The problem if no placement has a finite energy: those above the range of a float count as forbidden.
   Defect no_placement() const {
     return {
-        "maps", -1,
+        "maps", Defect::kNoIndex,
         most_ > kMost ? "leave no placement with an energy in the range of float" : "forbid every placement"};
   }
 

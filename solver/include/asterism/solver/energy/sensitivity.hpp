@@ -476,7 +476,7 @@ class Sensitivity {
     SystemGradient<System> result;
     const auto compute = [&](detail::ImplicitSolver<System>& solver) {
       if (grad_x.cols() != system.nodes())
-        return refuse(result, Defect{"grad_x", -1, "must have one column for each node"});
+        return refuse(result, Defect{"grad_x", Defect::kNoIndex, "must have one column for each node"});
       if (const int i = detail::first_column_not_finite(grad_x); i >= 0)
         return refuse(result, Defect{"grad_x of node", i, "is not finite"});
       result.set_zero(system);
@@ -688,28 +688,30 @@ class Sensitivity {
     };
     constexpr auto kProblem = "has not one finite number for each value of the system";
     const Eigen::Index coordinates = Eigen::Index{System::kDim} * system.nodes();
-    if (!has_size(tangent.anchors, coordinates)) return {"tangent of anchors", -1, kProblem};
+    if (!has_size(tangent.anchors, coordinates)) return {"tangent of anchors", Defect::kNoIndex, kProblem};
     if (!has_size(tangent.anchor_stiffness, system.nodes()))
-      return {"tangent of anchor stiffness", -1, kProblem};
+      return {"tangent of anchor stiffness", Defect::kNoIndex, kProblem};
     if (!has_size(tangent.rest_offset, system.rest_offset.size()))
-      return {"tangent of rest offset", -1, kProblem};
-    if (!has_size(tangent.loads, system.loads.size())) return {"tangent of loads", -1, kProblem};
-    if (!has_size(tangent.rest_length, system.link_count())) return {"tangent of rest length", -1, kProblem};
+      return {"tangent of rest offset", Defect::kNoIndex, kProblem};
+    if (!has_size(tangent.loads, system.loads.size()))
+      return {"tangent of loads", Defect::kNoIndex, kProblem};
+    if (!has_size(tangent.rest_length, system.link_count()))
+      return {"tangent of rest length", Defect::kNoIndex, kProblem};
     if (!has_size(tangent.link_stiffness, system.link_count()))
-      return {"tangent of link stiffness", -1, kProblem};
+      return {"tangent of link stiffness", Defect::kNoIndex, kProblem};
     if constexpr (System::kAnisotropic) {
       if (!has_size(tangent.anchor_shape, System::kDim * coordinates))
-        return {"tangent of anchor shape", -1, kProblem};
+        return {"tangent of anchor shape", Defect::kNoIndex, kProblem};
     }
     for (const Scalar value : tangent.anchor_loss) {
-      if (!detail::is_finite(value)) return {"tangent of anchor loss", -1, "is not finite"};
+      if (!detail::is_finite(value)) return {"tangent of anchor loss", Defect::kNoIndex, "is not finite"};
     }
     for (const Scalar value : tangent.link_potential) {
-      if (!detail::is_finite(value)) return {"tangent of link potential", -1, "is not finite"};
+      if (!detail::is_finite(value)) return {"tangent of link potential", Defect::kNoIndex, "is not finite"};
     }
     if constexpr (!detail::has_rest_length_derivative<Potential>()) {
       if (!detail::is_zero(tangent.rest_length))
-        return {"tangent of rest length", -1,
+        return {"tangent of rest length", Defect::kNoIndex,
                 "is not zero, and the potential declares no first_by_rest_length"};
     }
     return {};

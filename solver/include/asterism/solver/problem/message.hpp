@@ -24,7 +24,7 @@ class Message {
   Message(const Defect& defect) {
     if (!defect) return;
     append(defect.subject).append(" ");
-    if (defect.index != -1) append(defect.index).append(" ");
+    if (defect.index != Defect::kNoIndex) append(defect.index).append(" ");
     append(defect.problem);
   }
 

@@ -89,7 +89,7 @@ class Topology {
     Topology topology(static_cast<int>(points.cols()));
     if (k < 0) topology.note({"neighbour count", k, "is negative"});
     const typename Derived::PlainObject plain = points;
-    if (!detail::all_finite(plain)) topology.note({"points", -1, "are not finite"});
+    if (!detail::all_finite(plain)) topology.note({"points", Defect::kNoIndex, "are not finite"});
     if (topology.defect_) return topology;
 
     if (topology.nodes() == 0) return topology;
@@ -133,7 +133,7 @@ class Topology {
 
  private:
   explicit Topology(int n) : nodes_(fitting(n)) {
-    if (n != nodes_) note({"node count", n, "does not fit the topology's type"});
+    if (n != nodes_) note({"node count", n, n < 0 ? "is negative" : "does not fit the topology's type"});
   }
 
   static int fitting(int n) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/numbers.hpp>
@@ -114,7 +115,7 @@ int first_bad_shape(const Shapes& shapes, int count) {
 template <typename Function>
 Defect parameter_defect(const char* subject, const Function& function) {
   if constexpr (requires { function.problem(); }) {
-    if (const char* problem = function.problem()) return {subject, -1, problem};
+    if (const char* problem = function.problem()) return {subject, Defect::kNoIndex, problem};
   }
   return {};
 }
@@ -138,40 +139,53 @@ int first_bad_entry(const Vector& values) {
   return -1;
 }
 
+/// Whether all values are NaN, as the constructor of a system leaves them.
+template <typename Values>
+bool is_unset(const Values& values) {
+  const auto* const first = values.data();
+  return std::all_of(first, first + values.size(), [](auto value) { return is_nan(value); });
+}
+
 /// asterism::validate without the search for floating components.
 template <typename System>
 Defect validate_values(const System& system, const typename System::Points& x) {
   if (system.defect()) return system.defect();
   const int n = system.nodes();
-  if (n == 0) return {"system", -1, "has no nodes"};
-  if (system.anchors.cols() != n) return {"anchors", -1, "must have one column for each node"};
+  if (n == 0) return {"system", Defect::kNoIndex, "has no nodes"};
+  if (system.anchors.cols() != n) return {"anchors", Defect::kNoIndex, "must have one column for each node"};
   if (system.anchor_stiffness.size() != n)
-    return {"anchor stiffness", -1, "must have one entry for each node"};
+    return {"anchor stiffness", Defect::kNoIndex, "must have one entry for each node"};
   if (system.rest_length.size() != system.link_count())
-    return {"rest length", -1, "must have one entry for each link"};
+    return {"rest length", Defect::kNoIndex, "must have one entry for each link"};
   if (system.link_stiffness.size() != system.link_count())
-    return {"link stiffness", -1, "must have one entry for each link"};
+    return {"link stiffness", Defect::kNoIndex, "must have one entry for each link"};
   if (system.has_offsets() && system.rest_offset.cols() != system.link_count())
-    return {"rest offset", -1, "must have one column for each link, or none"};
+    return {"rest offset", Defect::kNoIndex, "must have one column for each link, or none"};
   if (system.has_loads() && system.loads.cols() != n)
-    return {"loads", -1, "must have one column for each node, or none"};
-  if (x.cols() != n) return {"x", -1, "must have one column for each node"};
+    return {"loads", Defect::kNoIndex, "must have one column for each node, or none"};
+  if (x.cols() != n) return {"x", Defect::kNoIndex, "must have one column for each node"};
 
   constexpr auto kNotFinite = "is not finite";
-  constexpr auto kNotPositive = "is negative or not finite";
   constexpr auto kNotDefinite = "is not symmetric and positive semi-definite";
-  if (const int i = first_column_not_finite(system.anchors); i >= 0) return {"anchor", i, kNotFinite};
-  if (const int i = first_bad_entry(system.anchor_stiffness); i >= 0)
-    return {"anchor stiffness", i, kNotPositive};
-  if (const int l = first_bad_entry(system.rest_length); l >= 0) return {"rest length", l, kNotPositive};
-  if (const int l = first_bad_entry(system.link_stiffness); l >= 0)
-    return {"link stiffness", l, kNotPositive};
+  if (const int i = first_column_not_finite(system.anchors); i >= 0) {
+    if (is_unset(system.anchors)) return {"anchors", Defect::kNoIndex, "were not set (anchor 0 is NaN)"};
+    return {"anchor", i, kNotFinite};
+  }
+  const auto bad_entry = [](const char* subject, const auto& values) -> Defect {
+    const int i = first_bad_entry(values);
+    if (i < 0) return {};
+    if (is_unset(values)) return {subject, Defect::kNoIndex, "was not set (entry 0 is NaN)"};
+    return {subject, i, "is negative or not finite"};
+  };
+  if (const Defect defect = bad_entry("anchor stiffness", system.anchor_stiffness)) return defect;
+  if (const Defect defect = bad_entry("rest length", system.rest_length)) return defect;
+  if (const Defect defect = bad_entry("link stiffness", system.link_stiffness)) return defect;
   if (const int l = first_column_not_finite(system.rest_offset); l >= 0)
     return {"rest offset", l, kNotFinite};
   if (const int i = first_column_not_finite(system.loads); i >= 0) return {"load", i, kNotFinite};
   if constexpr (System::kAnisotropic) {
     if (system.anchor_shape.cols() != System::kDim * n)
-      return {"anchor shape", -1, "must have one matrix for each node"};
+      return {"anchor shape", Defect::kNoIndex, "must have one matrix for each node"};
     if (const int i = first_bad_shape<System::kDim>(system.anchor_shape, n); i >= 0)
       return {"information matrix of anchor", i, kNotDefinite};
   }
@@ -205,7 +219,8 @@ bool shares_memory(const System& system, const typename System::Scalar* first, E
 }
 
 constexpr const char* kNoLoads = "the method does not support loads";
-constexpr Defect kSharesMemory{"x", -1, "shares memory with the system, such as its anchors: pass a copy"};
+constexpr Defect kSharesMemory{"x", Defect::kNoIndex,
+                               "shares memory with the system, such as its anchors: pass a copy"};
 
 template <typename System>
 Defect validate_components(const System& system, ComponentScratch<System>& scratch) {
