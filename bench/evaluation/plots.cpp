@@ -415,11 +415,11 @@ std::string svg(const ScatterChart& chart) {
 
   std::string content =
       vertical_axis(y, chart.y.label, kLeft, right) + horizontal_axis(x, chart.x.label, kTop, bottom);
-  std::vector<Area> taken;
-  for (const ScatterPoint& point : chart.points) {
+  const auto at_marker = [&](const ScatterPoint& point) -> Area {
     const double cx = x.scale(point.x), cy = y.scale(point.y);
-    if (visible(point)) taken.push_back({cx - 6, cy - 6, cx + 6, cy + 6});
-  }
+    return {cx - 6, cy - 6, cx + 6, cy + 6};
+  };
+  std::vector<Area> labels;
   for (std::size_t i = 0; i < chart.points.size(); ++i) {
     const ScatterPoint& point = chart.points[i];
     const double height = kTop + kLine * (static_cast<double>(i) + 0.5);
@@ -430,15 +430,26 @@ std::string svg(const ScatterChart& chart) {
                       join(point.name, ": ", number_text(point.x, x.decimals + 2), ", ",
                            number_text(point.y, y.decimals + 2)));
     // The name goes to the first free place of right, left, above and below.
-    for (const auto& [left, base] :
-         {std::pair(cx + 9, cy + 4), std::pair(cx - 9 - width, cy + 4), std::pair(cx - width / 2, cy - 10),
-          std::pair(cx - width / 2, cy + 19)}) {
+    struct Place {
+      double x, base, share;  // of the width, left of x
+      const char* classes;
+    };
+    for (const auto& [at, base, share, classes] :
+         {Place{cx + 9, cy + 4, 0, "name"}, Place{cx - 9, cy + 4, 1, "name end"},
+          Place{cx, cy - 10, 0.5, "name middle"}, Place{cx, cy + 19, 0.5, "name middle"}}) {
+      const double left = at - share * width;
       const Area area = {left, base - 10, left + width, base + 3};
+      // Nearer to another marker than to its own, a name would seem to be that one's.
+      const Area around = {area.left - 9, area.top - 3, area.right + 9, area.bottom + 3};
+      const auto is_near = [&](const ScatterPoint& other) {
+        return &other != &point && visible(other) && around.meets(at_marker(other));
+      };
       if (area.left < kLeft || area.right > right || area.top < kTop || area.bottom > bottom ||
-          std::ranges::any_of(taken, [&](const Area& other) { return area.meets(other); }))
+          std::ranges::any_of(chart.points, is_near) ||
+          std::ranges::any_of(labels, [&](const Area& other) { return around.meets(other); }))
         continue;
-      content += text(left, base, "name", point.name);
-      taken.push_back(area);
+      content += text(at, base, classes, point.name);
+      labels.push_back(area);
       break;
     }
   }

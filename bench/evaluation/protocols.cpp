@@ -1,13 +1,16 @@
 #include "protocols.hpp"
 
 #include <algorithm>
+#include <asterism/solver/base/edit_distance.hpp>
 #include <chrono>
 #include <cmath>
 #include <exception>
 #include <limits>
 #include <random>
 #include <stdexcept>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "multi_start_measures.hpp"
 #include "one_pass_measures.hpp"
@@ -160,12 +163,18 @@ Region spatial_start(const Region& truth, std::size_t variant, const cv::Size& i
 std::string_view to_string(Protocol protocol) { return names(protocol).name; }
 
 Protocol parse_protocol(const std::string& name) {
-  std::string known;
+  std::vector<std::string> known;
   for (const Protocol protocol : kProtocols) {
     if (to_string(protocol) == name) return protocol;
-    known += (known.empty() ? "" : ", ") + std::string(to_string(protocol));
+    known.emplace_back(to_string(protocol));
   }
-  throw std::invalid_argument("unknown protocol \"" + name + "\" (known: " + known + ")");
+  // What the VOT toolkit and OTB call them.
+  std::string hint = detail::near_name(name, known);
+  for (const auto& [theirs, ours] :
+       {std::pair("supervised", "vot"), std::pair("baseline", "vot"), std::pair("vot201", "vot"),
+        std::pair("vot202", "multistart"), std::pair("unsupervised", "otb"), std::pair("ope", "otb")})
+    if (name.starts_with(theirs)) hint = std::string(": use '") + ours + "'";
+  throw std::invalid_argument("unknown protocol '" + name + "'" + hint + detail::known_names(known));
 }
 
 std::string experiment_name(Protocol protocol) { return std::string(names(protocol).experiment); }

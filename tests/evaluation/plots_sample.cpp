@@ -43,6 +43,9 @@ ScatterChart scatter() {
     const auto a = static_cast<double>(i);
     chart.points.push_back({kNames[i], 0.5 + 0.45 * std::cos(2.4 * a), 0.55 + 0.1 * std::sin(1.7 * a), i});
   }
+  chart.points[1].x = 0.4;
+  chart.points[2].x = 0.513;  // a name between these two would stand at both
+  chart.points[1].y = chart.points[2].y = 0.57;
   return chart;
 }
 

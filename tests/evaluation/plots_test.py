@@ -20,6 +20,15 @@ def tooltip(element):
     return element.findtext(SVG + "title")
 
 
+def left(text):
+    share = 1 if "end" in classes(text) else 0.5 if "middle" in classes(text) else 0
+    return float(text.get("x")) - share * len(text.text) * 6.5
+
+
+def place(element):
+    return tuple(map(float, re.fullmatch(r"translate\((.*),(.*)\)", element.get("transform")).groups()))
+
+
 class Chart:
     """A chart and its axes as a reader sees them: numbers beside ticks."""
 
@@ -61,17 +70,30 @@ class Charts(unittest.TestCase):
         self.assertEqual(len(markers), 11)
         for marker in markers:
             x, y = map(float, tooltip(marker).rsplit(": ", 1)[1].split(", "))
-            at = re.fullmatch(r"translate\((.*),(.*)\)", marker.get("transform")).groups()
-            self.assertAlmostEqual(float(at[0]), self.scatter.x(x), delta=0.5)
-            self.assertAlmostEqual(float(at[1]), self.scatter.y(y), delta=0.5)
+            at = place(marker)
+            self.assertAlmostEqual(at[0], self.scatter.x(x), delta=0.5)
+            self.assertAlmostEqual(at[1], self.scatter.y(y), delta=0.5)
+
+    def labels(self):
+        """The names beside points: those of the legend are in the last column."""
+        names = self.scatter.all("name")
+        legend = max(float(t.get("x")) for t in names)
+        return [t for t in names if float(t.get("x")) < legend] or self.fail("labels")
 
     def test_labels_of_points_meet_no_other_label(self):
-        beside = self.scatter.all("name")[11:] or self.fail("labels")
-        boxes = [(float(t.get("x")), float(t.get("y")), len(t.text) * 6.5) for t in beside]
+        boxes = [(left(t), float(t.get("y")), len(t.text) * 6.5) for t in self.labels()]
         for i, (x, y, width) in enumerate(boxes):
             for other_x, other_y, other_width in boxes[:i]:
                 apart = x > other_x + other_width or other_x > x + width or abs(y - other_y) > 10
                 self.assertTrue(apart)
+
+    def test_labels_of_points_are_apart_from_other_markers(self):
+        markers = {tooltip(m).rsplit(": ", 1)[0]: place(m) for m in self.scatter.all("marker") if tooltip(m)}
+        for label in self.labels():
+            begin, base = left(label), float(label.get("y"))
+            for name, (x, y) in markers.items():
+                beside = x < begin - 14 or x > begin + len(label.text) * 6.5 + 14 or abs(y - base) > 14
+                self.assertTrue(beside or name == label.text, (name, label.text))
 
     def test_lines_go_through_their_tooltips(self):
         paths = {tooltip(p): p.get("d") for p in self.lines.all("line") if p.tag == SVG + "path"}

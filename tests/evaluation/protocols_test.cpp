@@ -293,7 +293,17 @@ TEST_F(ProtocolsTest, ResultsThatDoNotFitTheSequenceAreRefused) {
 TEST_F(ProtocolsTest, NamesOfProtocols) {
   for (const Protocol protocol : kProtocols)
     EXPECT_EQ(parse_protocol(std::string(to_string(protocol))), protocol);
-  EXPECT_THROW(parse_protocol("vott"), std::invalid_argument);
+  const std::string known = " (known: vot, otb, tre, sre, multistart)";
+  for (const auto& [wrong, answer] :
+       {std::pair("vott", ", did you mean 'vot'?"), std::pair("vot2018", ": use 'vot'"),
+        std::pair("vot2022", ": use 'multistart'"), std::pair("unsupervised", ": use 'otb'")}) {
+    try {
+      parse_protocol(wrong);
+      ADD_FAILURE() << wrong;
+    } catch (const std::invalid_argument& error) {
+      EXPECT_EQ(error.what(), std::string("unknown protocol '") + wrong + "'" + answer + known);
+    }
+  }
 }
 
 }  // namespace
