@@ -219,6 +219,7 @@ const asterism_solver asterism_solver_plugin = {%s, "mine", "my own", 10, 10, mi
             (("convergence", "--kinds", "lid"), "lid"),
             ((), "subcommand"),
             (("frobnicate",), "unknown argument frobnicate (commands: "),
+            (("slove",), "unknown argument slove, did you mean 'solve'? (commands: "),
         ]:
             result = run(*arguments)
             self.assertNotEqual(result.returncode, 0)

@@ -421,6 +421,7 @@ TEST_F(TrackTool, PrintsTheOptionsOfATracker) {
   EXPECT_NE(err_.find("...: 20 frames, "), std::string::npos) << err_;
   expect_error("--options dtp", {"unknown tracker 'dtp', did you mean 'dpt'?"}, false);
   expect_error("--options", {"--options"}, false);
+  expect_error("--optionz dpt", {"unknown argument --optionz, did you mean '--options'?"}, false);
   ASSERT_EQ(run(images + csv() + " --frames 1 --tracker kcf", false), 0) << err_;
   EXPECT_EQ(err_, "kcf: 1 frame\n");
   if (fs::exists("/dev/full")) {
