@@ -71,7 +71,9 @@ Start trax_tracker(const std::string& external, double timeout) {
       client->initialize(argument(image), {object});
     } catch (const std::exception& error) {
       if (*has_answered) throw;
-      throw UnusableTracker(error.what() + std::string(" before its first answer"));
+      const std::string what = error.what();
+      const char* const hint = what.ends_with("exit code 0") ? "; the command has to speak TraX" : "";
+      throw UnusableTracker(what + " before its first answer" + hint);
     }
     *has_answered = true;
     return [client, argument](const Image& next) {

@@ -338,6 +338,7 @@ class Evaluation(unittest.TestCase):
 
     def test_a_tracker_that_cannot_be_used_ends_the_run(self):
         for command, words in (("python3 /nonexist.py", "exit code 2"), ("exit 3", "exit code 3"),
+                               ("echo ready", "exit code 0 before its first answer; the command has to speak TraX"),
                                ("/no/such/program", "exit code 127"), ("echo ready; exec cat >/dev/null", "0.5 s"),
                                ("sleep 60", "0.5 s"), ("echo '@@TRAX:quit'", "quits"),
                                ("echo '@@TRAX:hello \"trax.version=9\"'", "unknown version")):

@@ -1,5 +1,9 @@
 #pragma once
 
+#if __cplusplus < 202002L
+#error "Asterism needs C++20: -std=c++20"
+#endif
+
 #include <Eigen/Core>
 #include <asterism/solver/base/export.hpp>
 
