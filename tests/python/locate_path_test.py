@@ -138,6 +138,22 @@ class LocatePathTest(unittest.TestCase):
             self.assertGreater(inside.mean(), 0.8)
             self.assertGreater(found.outliers.sum(), 0.8 * 0.1 * len(ranges))
 
+    def test_few_ranges_do_not_make_the_odometry_exact(self):
+        inside = []
+        for seed in range(8):
+            truth, steps, pose, beacon, ranges = drive(seed, 300, noise=1.0)
+            few = np.arange(seed, len(pose), 12)
+            found = asterism.locate_path(steps, BEACONS, pose[few], beacon[few], ranges[few], 1.0, lower_bound=False)
+            error = found.x - truth
+            inside.append((np.einsum("ki,ki->k", error, np.linalg.solve(found.covariance, error[..., None])[..., 0]) < 5.99).mean())
+            self.assertGreater(found.turn_sigma, 1e-3)
+        self.assertGreater(np.mean(inside), 0.7)
+        # Four ranges say nothing of it: it is neither 0 nor large.
+        at = np.array([0, 60, 150, 290])
+        found = asterism.locate_path(steps, BEACONS, at, range(4), np.linalg.norm(truth[at] - BEACONS, axis=1), 0.2, lower_bound=False)
+        self.assertGreater(found.turn_sigma, 1e-3)
+        self.assertLess(found.turn_sigma, 0.1)
+
     def test_unit_and_origin_do_not_matter(self):
         truth, steps, pose, beacon, ranges = drive(21, 60, outliers=0.05)
         beacons = BEACONS.copy()

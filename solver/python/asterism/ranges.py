@@ -184,8 +184,8 @@ def locate_path(
     sigma: their standard deviation, a number or (R,), > 0 [m].
     times: (poses,) of the poses, which rise.
     cutoff: the energy of a range never exceeds cutoff^2 / 2 (Geman and McClure's loss); None: least squares.
-    turn_sigma: the standard deviation of a step's difference from the turned step before, relative to its length; None: estimated, as what
-    makes the evidence largest.
+    turn_sigma: the standard deviation of a step's difference from the turned step before, relative to its length; None: estimated from the
+    evidence, with a weak prior.
     step_sigma: that of a step's length, relative to it.
     shortest: steps are joined until they are so long [m]; None: half of the median step.
     start: x, y [m] and heading [rad] of the first pose: where the search starts, and the frame of the result where beacons do not determine it.

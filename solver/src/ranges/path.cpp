@@ -391,7 +391,7 @@ class PathSolver {
   void search() {
     const std::size_t nodes = nodes_.size();
     bound_ = options_.cutoff * options_.cutoff;
-    if (options_.turn_sigma > 0) terms_.turn_sigma = options_.turn_sigma;
+    terms_.turn_sigma = options_.turn_sigma > 0 ? options_.turn_sigma : kUsualSigma;
     terms_.step_sigma = options_.step_sigma;
     set_start();
     // As long as it takes to hear something.
@@ -494,7 +494,10 @@ class PathSolver {
   }
 
   /// MacKay's update (Neural Computation 4(3), 1992): the variance of residuals is the sum of their squares
-  /// divided by how many of them the data determine. It stands still where the evidence is stationary.
+  /// divided by how many of them the data determine. It stands still at the greatest posterior density of the
+  /// logarithm, for a prior density of s exp(-2 s / kUsualSigma). The evidence alone of few ranges is often
+  /// flat towards 0: the odometry would be exact, and the path's regions far too small (Chung et al.,
+  /// Psychometrika 78(4), 2013).
   void estimate_turn_sigma(int rounds) {
     if (options_.turn_sigma > 0 || chain_.nodes() < 4) return;
     for (int i = 0; i < rounds && !descent_.stopped(); ++i) {
@@ -507,7 +510,7 @@ class PathSolver {
     }
   }
 
-  /// By what the evidence wants turn_sigma to be multiplied.
+  /// By what turn_sigma is to be multiplied.
   double turn_ratio() const {
     double squares = 0, determined = 0;
     const std::size_t nodes = chain_.nodes();
@@ -521,8 +524,8 @@ class PathSolver {
       squares += w * chain_.chain_residual(k).squaredNorm();
       determined += 2 - w * spread.trace();
     }
-    if (determined < 0.5) return 1;  // nothing says how large they are
-    return std::sqrt(std::clamp(squares / determined, 0.05, 20.0));
+    const double prior = 2 * terms_.turn_sigma / kUsualSigma;
+    return std::sqrt(std::clamp((squares + 2) / (std::max(determined, 0.0) + prior), 0.05, 20.0));
   }
 
   bool factorize() {
@@ -618,6 +621,7 @@ class PathSolver {
   static constexpr std::size_t kEarly = 1000;    ///< positions of a path that is short
   static constexpr std::size_t kMostStarts = 4;  ///< that are continued
   static constexpr double kLeastSigma = 1e-4;    ///< that is estimated: better than any odometry
+  static constexpr double kUsualSigma = 0.03;    ///< where nothing says what it is
 
   const PathMeasurements& given_;
   const PathOptions& options_;
