@@ -109,6 +109,17 @@ class SurveyTest(unittest.TestCase):
                 with self.assertRaisesRegex(ValueError, f"^{name}: its square is out of range"):
                     asterism.survey(ranges, **arguments)
 
+    def test_a_symmetric_matrix_has_each_measurement_once(self):
+        rng = np.random.default_rng(3)
+        x = rng.uniform(0, 10, (9, 2))
+        ranges = np.triu(distances(x) + 0.05 * rng.normal(size=(9, 9)), 1)
+        for bias in (0.0, 0.3):
+            once = asterism.survey(np.where(ranges > 0, ranges, np.nan), 0.05, bias=bias)
+            both = asterism.survey(ranges + ranges.T, 0.05, bias=bias)
+            self.assertAlmostEqual(once.energy, both.energy, places=6)
+            np.testing.assert_allclose(np.trace(both.covariance, axis1=1, axis2=2), np.trace(once.covariance, axis1=1, axis2=2), rtol=1e-4)
+            self.assertAlmostEqual(once.lower_bound, both.lower_bound, places=6)
+
     def test_errors_are_as_large_as_the_covariances_say(self):
         for dim, bias in ((2, 0.0), (2, 0.3), (3, 0.3)):
             of_places, of_biases = [], []

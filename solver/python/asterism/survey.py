@@ -45,7 +45,7 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     biases, Newton's method then finds both together. Without biases, a certificate may prove the result: see docs/locate.md.
 
     ranges: (N, N), >= 0 [m]; NaN, or masked, where none was measured; the diagonal is not read. [i, j] and [j, i] are two
-    measurements of one distance if they differ. sigma: their standard deviation, a number or (N, N), > 0 [m]. bias: the standard
+    measurements of one distance, unless the matrix is symmetric. sigma: their standard deviation, a number or (N, N), > 0 [m]. bias: the standard
     deviation of what each device adds to its ranges [m], such as a delay that was not calibrated; 0 if they add nothing. A delay that
     all devices have is to be subtracted before. dim: 2 or 3.
 
@@ -71,6 +71,9 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
         raise ValueError("sigma: expected finite numbers > 0")
     measured = np.zeros_like(given)
     measured[is_measured] = _weights(spread, "sigma")
+    both = is_measured & is_measured.T
+    if (given == given.T)[both].all():  # the lower triangle is a copy, not a second measurement
+        measured[both] /= 2
     weight = measured + measured.T
     is_pair = weight > 0
     weighted = measured * np.where(is_measured, given, 0)
