@@ -272,6 +272,74 @@ TEST(Locate, FindsTheBestOfAllSetsOfInliers) {
   }
 }
 
+/// Descends in the least squares of every set of inliers, from many places: where the inliers of the end are
+/// the set, that is a minimum, which has to be listed. Whether the fix is proven; otherwise it need not be.
+template <int Dim>
+bool agrees_with_all_sets(Rng& rng, Problem<Dim> problem) {
+  for (std::size_t i = 0; i < 2; ++i) problem.ranges[i] += rng.uniform(0, 10);
+  problem.cutoff = 2;
+  const PositionFix<Dim> fix = problem.solve();
+  if (fix.status == Status::InvalidInput) return true;  // no place agrees with Dim ranges
+  EXPECT_EQ(fix.status, Status::Converged) << text(fix);
+  if (fix.status != Status::Converged || !fix.proven) return false;
+  // Fewer than Dim inliers do not make a minimum.
+  const double most =
+      std::min(fix.minima[0].energy + fix.within, 2 * (static_cast<double>(problem.count()) - Dim + 0.9)) -
+      1e-2;
+  for (unsigned set = 0; set < 1U << problem.count(); ++set) {
+    std::vector<bool> inliers(problem.count());
+    for (std::size_t i = 0; i < problem.count(); ++i) inliers[i] = (set >> i & 1U) != 0;
+    const auto count = std::count(inliers.begin(), inliers.end(), true);
+    if (count < Dim ||
+        2.0 * static_cast<double>(problem.ranges.size() - static_cast<std::size_t>(count)) > most)
+      continue;
+    for (int g = 0; g < (Dim == 2 ? 9 : 27); ++g) {
+      Point<Dim> x;
+      for (int k = 0, rest = g; k < Dim; ++k, rest /= 3)
+        x[static_cast<std::size_t>(k)] = -1 + 6 * (rest % 3) + rng.uniform(-0.1, 0.1);
+      x = problem.descended(x, inliers, 2000);
+      const Point<Dim> next = problem.next(x, inliers);
+      double moved = 0;
+      for (std::size_t k = 0; k < Dim; ++k) moved += std::abs(next[k] - x[k]);
+      if (moved > 1e-9 || problem.inliers(x) != inliers) continue;
+      const double e = problem.energy(x);
+      EXPECT_GE(e, fix.minima[0].energy - 1e-7 * (1 + e)) << "a lower energy than the proven one";
+      if (e > most || is_listed<Dim>(problem, fix, x)) continue;
+      EXPECT_TRUE(is_lower_nearby<Dim>(problem, x, rng)) << "a minimum is missing, of energy " << e;
+    }
+  }
+  return true;
+}
+
+TEST(Locate, FindsTheMinimaOfAllSetsOfInliers) {
+  Rng rng(21);
+  for (const Kind kind : {kScattered, kFlat, kAlmostFlat, kUnrelated}) {
+    for (int n = 0; n < 6; ++n) {
+      SCOPED_TRACE(::testing::Message() << "kind " << kind << ", " << n);
+      EXPECT_TRUE(agrees_with_all_sets<2>(rng, random_problem<2>(rng, kind, 0.2, 4 + n % 5)));
+      EXPECT_TRUE(agrees_with_all_sets<3>(rng, random_problem<3>(rng, kind, 0.2, 5 + n % 4)));
+    }
+  }
+}
+
+TEST(Locate, BeaconsThatWereHeardTwiceOrAreOnOneLine) {
+  Rng rng(22);
+  int proven = 0;
+  for (int n = 0; n < 4; ++n) {
+    SCOPED_TRACE(n);
+    auto plane = random_problem<2>(rng, kScattered, 0.2, 6);
+    auto space = random_problem<3>(rng, kScattered, 0.2, 7);
+    for (std::size_t k = 0; k < 2; ++k) plane.beacons[k] = plane.beacons[2 + k];
+    for (std::size_t k = 0; k < 3; ++k) {
+      space.beacons[k] = space.beacons[3 + k];
+      space.beacons[6 + k] = 2 * space.beacons[9 + k] - space.beacons[3 + k];
+    }
+    proven += agrees_with_all_sets<2>(rng, plane) ? 1 : 0;
+    proven += agrees_with_all_sets<3>(rng, space) ? 1 : 0;
+  }
+  EXPECT_GE(proven, 6);  // of 8: some searches are too long
+}
+
 TEST(Locate, FindsTheInliersAmongManyRanges) {
   Rng rng(11);
   for (int n = 0; n < 5; ++n) {

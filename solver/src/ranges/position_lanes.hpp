@@ -41,6 +41,7 @@ struct Cells {
   double* weights;  ///< (beacons, kMost): of each range in each cell, 0 for an outlier
   double extent[kMost];
   double rounding[kMost];                   ///< of a gradient
+  double is_partial[kMost];                 ///< 1: the weights bound the energy only, not its derivatives
   double room[kMost];                       ///< twice the energy that is asked for
   double centre[3][kMost], half[3][kMost];  ///< become those of the part where the gradient may vanish
   double bound[kMost];                      ///< of the energy of the ranges that have weights, from below

@@ -487,7 +487,11 @@ class CellLanes : LaneAlgebra<L, D> {
   using typename Algebra::M, typename Algebra::Matrix, typename Algebra::V, typename Algebra::Vector;
 
  public:
-  CellLanes(Cells& cells, int first) : cells_(cells), first_(first), room_(L::load(cells.room + first)) {
+  CellLanes(Cells& cells, int first)
+      : cells_(cells),
+        first_(first),
+        room_(L::load(cells.room + first)),
+        is_partial_(L::less(set(0), L::load(cells.is_partial + first))) {
     const V none = set(0), one = set(1), extent = L::load(cells.extent + first);
     const V smallest = set(1e-26) * extent * extent;
     Vector centre;
@@ -542,13 +546,15 @@ class CellLanes : LaneAlgebra<L, D> {
     M is_without = has_negative(shifted(sum_, total_ - most_));
     const Vector directions[] = {gradient_, newton, times(of_hessian, newton)};
     for (const Vector& along : directions) is_without = L::either(is_without, is_sloped(hessian, along));
+    is_without = L::without(is_without, is_partial_);
     meet_gradient(of_hessian, set(0));
     // Along a valley, the inverse is large.
     const V damping = set(0.1) * total_;
     meet_gradient(inverted(shifted(hessian, damping)), damping);
     meet_energy();
     const Matrix least = shifted(sum_, total_ - least_);
-    const M is_convex = L::without(is_definite(least, determinant(least, adjugate(least))), has_beacon_);
+    M is_convex = L::without(is_definite(least, determinant(least, adjugate(least))), has_beacon_);
+    is_convex = L::without(is_convex, is_partial_);
     cells_.convex |= L::bits(is_convex) << first_;
     L::store(cells_.slope + first_, L::sqrt(dot(gradient_, gradient_)));
     const V none = set(0);
@@ -602,7 +608,7 @@ class CellLanes : LaneAlgebra<L, D> {
         step = L::fnma(inverse(j, k), gradient_[k], step);
       }
       const V by = L::fma(remainder_ + L::load(cells_.rounding + first_), L::sqrt(square), damping * reach);
-      meet(j, step - by, step + by);
+      meet(j, L::select(is_partial_, low_[j], step - by), L::select(is_partial_, high_[j], step + by));
     }
   }
 
@@ -631,7 +637,7 @@ class CellLanes : LaneAlgebra<L, D> {
   V room_, square_, total_ = set(0), mu_ = set(0), most_ = set(0), least_ = set(0), remainder_ = set(0);
   V kappas_ = set(0), ones_ = set(0), squares_ = set(0);
   Vector half_, low_, high_, gradient_ = zero(), by_kappa_ = zero(), by_one_ = zero();
-  M has_beacon_ = L::less(set(0), set(0));
+  M is_partial_, has_beacon_ = L::less(set(0), set(0));
   Matrix sum_ = empty(), form_ = empty();
 };
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <utility>
 
 #include "position_lanes.hpp"
 #include "small_matrix.hpp"
@@ -83,7 +84,9 @@ class PositionSearch {
   /// Finds the minima.
   void run() {
     if (is_proven_at_once()) return;
-    push({constant<D>(0), constant<D>(reach_), 0, 0}, 3);
+    is_by_sets_ = has_sets_ = is_robust() && given_.count <= kMostOfSets && !has_degenerate_set();
+    for (int k = 0; k < D; ++k) set_[k] = k;
+    if (!is_by_sets_) push({constant<D>(0), constant<D>(reach_), 0, 0, 0, 0}, 3);
     branch_and_bound();
   }
 
@@ -106,7 +109,7 @@ class PositionSearch {
   void begin(int lane) {
     lane_ = lane;
     take_lanes(lane, lane + 1);
-    push({constant<D>(0), constant<D>(reach_), 0, 0}, 0);
+    push({constant<D>(0), constant<D>(reach_), 0, 0, 0, 0}, 0);
   }
   bool next() {
     for (; stacked_ > 0; --stacked_) {
@@ -146,7 +149,8 @@ class PositionSearch {
       other.half[k] = cell.half[k];
     }
     other.bound = cell.bound;
-    other.outliers = 0;
+    other.inliers = other.outliers = 0;
+    other.least_inliers = 0;
     other.centre[axis] += cell.half[axis];
     cell.centre[axis] -= cell.half[axis];
   }
@@ -174,25 +178,32 @@ class PositionSearch {
   /// For up to kLanes of each of D halvings of the sides to 1e-12 of the first.
   static constexpr int kRoom = 1024;
   static constexpr double kLittleLess = 0.4;  ///< a cell of which more is left is halved
+  static constexpr double kMostShares = 1, kMostLimits = 4;
+  static constexpr int kMostOfSets = 14;  ///< ranges, where sets of them are searched one by one
   static constexpr double kNone = std::numeric_limits<double>::infinity();
   using Forms = double[kForm][kShells];
 
   struct Cell {
     Vector<D> centre, half;
     double bound;
-    std::uint64_t outliers;  ///< of the first 64 ranges, those that are outliers in all of it
-    bool has_outlier(int i) const { return i < 64 && (outliers >> i & 1) != 0; }
+    /// Of the first 64 ranges, those that are inliers, and outliers, in all of it, or of which only minima
+    /// are searched where they are.
+    std::uint64_t inliers, outliers;
+    int least_inliers;  ///< only minima of so many inliers are searched
   };
   /// Of a range in a cell, with a bound on what it adds there.
   struct Role {
-    bool is_outlier, is_undecided;
+    bool may_be_inlier, may_be_outlier;
     double bound;
   };
 
-  /// A cell that is judged, which has a lane for each set of inliers that it may have.
+  /// A cell that is judged, which has a lane for each set of inliers that it may have, or one for all of
+  /// them.
   struct Judged {
     Cell cell;
     int first = 0, sets = 0, undecided = 0;  ///< its lanes, and the ranges that may be inliers or outliers
+    bool is_partial = false;                 ///< one lane for all sets
+    std::uint64_t undecided_ranges = 0, inliers_of[kLanes] = {};  ///< of the first 64
   };
 
   bool is_robust() const { return outlier_ < kNone; }
@@ -213,16 +224,23 @@ class PositionSearch {
   /// Of p, where a beacon itself is a little away from it, so that quotients are finite.
   double length(const Vector<D>& p) const { return std::max(norm(p), 1e-13 * extent_); }
 
-  double energy(const Vector<D>& x) const {
+  /// What a range whose square is e adds, and whether as an inlier. `only`: not 0 for least squares of some
+  /// of up to 64 ranges.
+  bool is_inlier(int i, double e, std::uint64_t only) const {
+    return only == 0 ? e < outlier_ : (only >> i & 1) != 0;
+  }
+  double energy(const Vector<D>& x, std::uint64_t only = 0) const {
     double sum = 0;
     for (int i = 0; i < given_.count; ++i) {
       const double stretch = norm(from_beacon(x, i)) - given_.range[i];
-      sum += std::min(0.5 * given_.weight[i] * stretch * stretch, outlier_);
+      const double e = 0.5 * given_.weight[i] * stretch * stretch;
+      sum += is_inlier(i, e, only) ? e : outlier_;
     }
     return sum;
   }
 
-  double evaluate(const Vector<D>& x, Vector<D>& gradient, Symmetric<D>& hessian) const {
+  double evaluate(const Vector<D>& x, Vector<D>& gradient, Symmetric<D>& hessian,
+                  std::uint64_t only = 0) const {
     double sum = 0, mu = 0;
     gradient = constant<D>(0);
     hessian = Symmetric<D>::zero();
@@ -230,7 +248,7 @@ class PositionSearch {
       const Vector<D> p = from_beacon(x, i);
       const double w = given_.weight[i], d = length(p), stretch = d - given_.range[i];
       const double e = 0.5 * w * stretch * stretch;
-      if (e >= outlier_) {
+      if (!is_inlier(i, e, only)) {
         sum += outlier_;
         continue;
       }
@@ -244,8 +262,8 @@ class PositionSearch {
     return sum;
   }
 
-  void return_to_valley(const Vector<D>& from, Vector<D>& x) const;
-  double descend(Vector<D>& x, Symmetric<D>& hessian) const;
+  void return_to_valley(const Vector<D>& from, Vector<D>& x, std::uint64_t only) const;
+  double descend(Vector<D>& x, Symmetric<D>& hessian, std::uint64_t only = 0) const;
   bool has_barrier(const Vector<D>& x, double e, const Minimum<D>& other) const;
   int keep(const Vector<D>& x, double e, const Symmetric<D>& hessian);
   /// The same, and beside flat beacons its mirror image.
@@ -271,13 +289,17 @@ class PositionSearch {
   void start_from_sets();
   double excluded_about(const Minimum<D>& about) const;
   bool is_covered(const Vector<D>& centre, const Vector<D>& half) const;
+  std::pair<double, double> squares(int i, const Cell& cell) const;
   Role role(int i, const Cell& cell) const;
   bool prepare(Judged& judged, int first);
-  double settle(Judged& judged);
+  int settle(Judged& judged, Cell* left, int* halvings);
   bool has_its_minimum(const Cell& cell, int lane);
+  bool has_its_roles(const Cell& cell, const Vector<D>& x) const;
   bool is_tiny(const Cell& cell, double change);
   void take_lanes(int first, int last);
   void push(const Cell& cell, int halvings);
+  bool has_degenerate_set() const;
+  void push_next_set();
   bool has_room() {
     is_complete_ = is_complete_ && cells_ < max_cells_ && stacked_ + kLanes * 2 <= kRoom;
     return is_complete_;
@@ -298,12 +320,14 @@ class PositionSearch {
   double of_outliers_[kLanes];  ///< what outliers add in each lane
   Cell stack_[kRoom];
   int stacked_ = 0, lane_ = 0;
+  bool is_by_sets_ = false, has_sets_ = false;  ///< whether it goes by sets of ranges, and some are left
+  int set_[D] = {};                             ///< the next one
 };
 
 /// Steps across a curved valley only: where ranges are much more certain than what tells places along it
 /// apart, a straight step leaves it. The valley is that of the inliers before the step.
 template <int D>
-void PositionSearch<D>::return_to_valley(const Vector<D>& from, Vector<D>& x) const {
+void PositionSearch<D>::return_to_valley(const Vector<D>& from, Vector<D>& x, std::uint64_t only) const {
   for (int turn = 0; turn < 3; ++turn) {
     Vector<D> gradient = constant<D>(0);
     Symmetric<D> across = Symmetric<D>::zero();
@@ -311,7 +335,7 @@ void PositionSearch<D>::return_to_valley(const Vector<D>& from, Vector<D>& x) co
       const Vector<D> p = from_beacon(x, i);
       const double w = given_.weight[i], d = length(p), stretch = d - given_.range[i];
       const double before = norm(from_beacon(from, i)) - given_.range[i];
-      if (0.5 * w * before * before >= outlier_) continue;
+      if (!is_inlier(i, 0.5 * w * before * before, only)) continue;
       for (int k = 0; k < D; ++k) gradient[k] += w * stretch / d * p[k];
       across.add(w / (d * d), p);
     }
@@ -323,9 +347,9 @@ void PositionSearch<D>::return_to_valley(const Vector<D>& from, Vector<D>& x) co
 
 /// Damped Newton to a local minimum; saddle points are left along their negative curvature.
 template <int D>
-double PositionSearch<D>::descend(Vector<D>& x, Symmetric<D>& hessian) const {
+double PositionSearch<D>::descend(Vector<D>& x, Symmetric<D>& hessian, std::uint64_t only) const {
   Vector<D> gradient;
-  double e = evaluate(x, gradient, hessian), damping = 0;
+  double e = evaluate(x, gradient, hessian, only), damping = 0;
   int escapes = 0;
   const auto minus = [](Vector<D> from, double factor, const Vector<D>& step) {
     for (int k = 0; k < D; ++k) from[k] -= factor * step[k];
@@ -339,7 +363,7 @@ double PositionSearch<D>::descend(Vector<D>& x, Symmetric<D>& hessian) const {
       const Vector<D> step = hessian.inverse().times(gradient);
       if (0.5 * dot(step, gradient) <= rounding) {
         const Vector<D> y = minus(x, 1, step);
-        if (energy(y) <= e + rounding) x = y;
+        if (energy(y, only) <= e + rounding) x = y;
         break;
       }
     }
@@ -356,21 +380,21 @@ double PositionSearch<D>::descend(Vector<D>& x, Symmetric<D>& hessian) const {
       bool is_lower = false;
       for (double size = 1e-3 * reach_; escapes < 8 && size > 1e-10 * reach_ && !is_lower; size *= 0.5) {
         const Vector<D> y = minus(x, -size, along);
-        is_lower = energy(y) < e;
+        is_lower = energy(y, only) < e;
         if (is_lower) x = y;
       }
       if (!is_lower) break;
       ++escapes;
-      e = evaluate(x, gradient, hessian);
+      e = evaluate(x, gradient, hessian, only);
       damping = 0;
       continue;
     }
     Vector<D> y = minus(x, 1, step), next_gradient;
     Symmetric<D> next_hessian;
-    double next = evaluate(y, next_gradient, next_hessian);
+    double next = evaluate(y, next_gradient, next_hessian, only);
     if (next > e) {
-      return_to_valley(x, y);
-      next = evaluate(y, next_gradient, next_hessian);
+      return_to_valley(x, y, only);
+      next = evaluate(y, next_gradient, next_hessian, only);
     }
     if (next <= e) {
       x = y;
@@ -384,7 +408,7 @@ double PositionSearch<D>::descend(Vector<D>& x, Symmetric<D>& hessian) const {
       if (damping > 1e12 * total_) break;
     }
   }
-  return evaluate(x, gradient, hessian);
+  return evaluate(x, gradient, hessian, only);
 }
 
 /// Whether the energy rises on the way from the higher one of two minima to the lower one.
@@ -690,9 +714,9 @@ bool PositionSearch<D>::is_covered(const Vector<D>& centre, const Vector<D>& hal
   return false;
 }
 
-/// Whether a range is that of an outlier, or may be, in a cell.
+/// The squares of the least and the largest distance of a cell's places from a beacon.
 template <int D>
-typename PositionSearch<D>::Role PositionSearch<D>::role(int i, const Cell& cell) const {
+std::pair<double, double> PositionSearch<D>::squares(int i, const Cell& cell) const {
   double near = 0, far = 0;
   for (int k = 0; k < D; ++k) {
     const double q = std::abs(cell.centre[k] - given_.beacons[D * i + k]),
@@ -700,16 +724,28 @@ typename PositionSearch<D>::Role PositionSearch<D>::role(int i, const Cell& cell
     near += n * n;
     far += (q + cell.half[k]) * (q + cell.half[k]);
   }
+  return {near, far};
+}
+
+/// Whether a range is that of an inlier, or of an outlier, or may be either, in a cell.
+template <int D>
+typename PositionSearch<D>::Role PositionSearch<D>::role(int i, const Cell& cell) const {
+  const auto [near, far] = squares(i, cell);
   const double r = given_.range[i], limit = cutoff_ * given_.sigma[i], high = (r + limit) * (r + limit);
   const double low = r > limit ? (r - limit) * (r - limit) : 0;
-  if (near > high || far < low) return {true, false, outlier_};
+  const std::uint64_t bit = i < 64 ? std::uint64_t{1} << i : 0;
+  if (near > high || far < low || (cell.outliers & bit) != 0)
+    return {false, (near < low || far > high) && (cell.inliers & bit) == 0, outlier_};
   const double least = near > r * r ? std::sqrt(near) - r : far < r * r ? r - std::sqrt(far) : 0;
-  return {false, near < low || far > high, 0.5 * given_.weight[i] * least * least};
+  return {true, (near < low || far > high) && (cell.inliers & bit) == 0,
+          0.5 * given_.weight[i] * least * least};
 }
 
 /// Gives a cell a lane for each set of inliers that it may have, from `first` on: a minimum is one of the
-/// energy of such a set, as where a term becomes that of an outlier, the energy has a ridge. Without a lane,
-/// `bound` is above the threshold, or too many ranges may be either. False if too few lanes are left.
+/// energy of such a set, as where a term becomes that of an outlier, the energy has a ridge. Where that would
+/// be too many, it gets one lane, for a bound of the energy alone, in which the square of each range that may
+/// be either has as little weight as its loss. Without a lane, `bound` is above the threshold. False if too
+/// few lanes are left.
 template <int D>
 bool PositionSearch<D>::prepare(Judged& judged, int first) {
   Cell& cell = judged.cell;
@@ -718,82 +754,161 @@ bool PositionSearch<D>::prepare(Judged& judged, int first) {
   if (is_image || is_covered(cell.centre, cell.half)) cell.bound = kNone;
   if (cell.bound > threshold()) return true;
   double bound = 0, inliers = 0, outliers = 0, bound_of[kMostUndecided];
+  int sure = 0;  // inliers
   int undecided[kMostUndecided];
   for (int i = 0; is_robust() && i < given_.count && bound <= threshold(); ++i) {
-    const Role of = cell.has_outlier(i) ? Role{true, false, outlier_} : role(i, cell);
-    bound += of.bound;
-    lanes_.weights[kLanes * i + first] = of.is_outlier ? 0 : given_.weight[i];
-    if (of.is_outlier) {
+    const std::uint64_t bit = i < 64 ? std::uint64_t{1} << i : 0;
+    // Of sets, it may be one that was only assumed to be an outlier.
+    const bool is_known = !is_by_sets_ && (cell.outliers & bit) != 0;
+    const Role of = is_known ? Role{false, true, outlier_} : role(i, cell);
+    lanes_.weights[kLanes * i + first] = of.may_be_inlier ? given_.weight[i] : 0;
+    if (!of.may_be_inlier) {
+      bound += of.may_be_outlier ? outlier_ : kNone;
       outliers += outlier_;
-      if (i < 64) cell.outliers |= std::uint64_t{1} << i;
-    } else if (!of.is_undecided) {
+      cell.outliers |= bit;
+    } else if (!of.may_be_outlier) {
+      bound += of.bound;
       inliers += of.bound;
-    } else if (judged.undecided++ < kMostUndecided) {
-      undecided[judged.undecided - 1] = i;
-      bound_of[judged.undecided - 1] = of.bound;
+      cell.inliers |= bit;
+      ++sure;
+    } else {
+      bound += of.bound;
+      judged.undecided_ranges |= bit;
+      if (judged.undecided++ < kMostUndecided) {
+        undecided[judged.undecided - 1] = i;
+        bound_of[judged.undecided - 1] = of.bound;
+      }
     }
   }
-  cell.bound = std::max(cell.bound, bound);
-  if (cell.bound > threshold() || judged.undecided > kMostUndecided) return true;
-  if (judged.undecided > 0 && energy(cell.centre) < best_) add_from(cell.centre);
+  cell.bound = std::max(cell.bound, sure + judged.undecided < cell.least_inliers ? kNone : bound);
+  if (cell.bound > threshold()) return true;
+  if (judged.undecided > 0 && judged.undecided <= kMostUndecided && energy(cell.centre) < best_)
+    add_from(cell.centre);
   judged.first = first;
-  for (int set = (1 << judged.undecided) - 1; set >= 0; --set) {
-    double constant = outliers, least = inliers;
-    for (int n = 0; n < judged.undecided; ++n)
-      ((set >> n & 1) != 0 ? least : constant) += (set >> n & 1) != 0 ? bound_of[n] : outlier_;
-    if (constant + least > threshold()) continue;
-    const int lane = first + judged.sets;
-    if (lane == kLanes) {
-      if (first > 0) return false;
-      judged.sets = 0;
-      judged.undecided = kMostUndecided + 1;
-      return true;
-    }
+  const auto take_lane = [&](double constant, bool is_partial) {
+    const int lane = first + judged.sets++;
     of_outliers_[lane] = constant;
     lanes_.room[lane] = 2 * (threshold() + kBarrier - constant);
-    ++judged.sets;
+    lanes_.is_partial[lane] = is_partial;
     for (int k = 0; k < D; ++k) {
       lanes_.centre[k][lane] = cell.centre[k];
       lanes_.half[k][lane] = cell.half[k];
     }
-    if (lane > first)
-      for (int i = 0; i < given_.count; ++i)
-        lanes_.weights[kLanes * i + lane] = lanes_.weights[kLanes * i + first];
-    for (int n = 0; n < judged.undecided; ++n)
-      lanes_.weights[kLanes * undecided[n] + lane] = (set >> n & 1) != 0 ? given_.weight[undecided[n]] : 0;
+    return lane;
+  };
+  if (judged.undecided <= kMostUndecided) {
+    for (int set = (1 << judged.undecided) - 1; set >= 0; --set) {
+      double constant = outliers, least = inliers;
+      for (int n = 0; n < judged.undecided; ++n)
+        ((set >> n & 1) != 0 ? least : constant) += (set >> n & 1) != 0 ? bound_of[n] : outlier_;
+      if (constant + least > threshold() ||
+          sure + std::popcount(static_cast<unsigned>(set)) < cell.least_inliers)
+        continue;
+      if (first + judged.sets == kLanes) {
+        if (first > 0) return false;
+        judged.is_partial = true;
+        break;
+      }
+      const int lane = take_lane(constant, false);
+      std::uint64_t& of_set = judged.inliers_of[judged.sets - 1] = 0;
+      if (lane > first)
+        for (int i = 0; i < given_.count; ++i)
+          lanes_.weights[kLanes * i + lane] = lanes_.weights[kLanes * i + first];
+      for (int n = 0; n < judged.undecided; ++n) {
+        const bool is_in = (set >> n & 1) != 0;
+        lanes_.weights[kLanes * undecided[n] + lane] = is_in ? given_.weight[undecided[n]] : 0;
+        if (is_in && undecided[n] < 64) of_set |= std::uint64_t{1} << undecided[n];
+      }
+    }
+    if (!judged.is_partial) {
+      if (judged.sets == 0) cell.bound = kNone;
+      return true;
+    }
+    judged.sets = 0;
   }
-  if (judged.sets == 0) cell.bound = kNone;
+  judged.is_partial = true;
+  if (!is_by_sets_) return true;
+  take_lane(outliers, true);
+  for (std::uint64_t rest = judged.undecided_ranges; rest != 0; rest &= rest - 1) {
+    const int i = std::countr_zero(rest);
+    const auto [near, far] = squares(i, cell);
+    const double limit = cutoff_ * given_.sigma[i],
+                 most =
+                     std::max({limit, std::sqrt(far) - given_.range[i], given_.range[i] - std::sqrt(near)});
+    lanes_.weights[kLanes * i + first] = given_.weight[i] * limit * limit / (most * most);
+  }
   return true;
 }
 
-/// What the lanes tell of a cell, which becomes the part of it where a minimum may be. Returns that part's
-/// share of the volume, 0 if nothing is left to find.
+/// What the lanes tell of a cell: the parts of it where a minimum may be, each of one set of inliers or all
+/// of all, and how often they are to be halved. Returns their number.
 template <int D>
-double PositionSearch<D>::settle(Judged& judged) {
+int PositionSearch<D>::settle(Judged& judged, Cell* left, int* halvings) {
   Cell& cell = judged.cell;
   const double h = norm(cell.half), at_ridges = std::sqrt(2 * outlier_ * total_) * h * given_.count;
-  double lowest = kNone;
-  int lane = 0, left = 0;
-  for (int n = judged.first; n < judged.first + judged.sets; ++n) {
-    const double bound = of_outliers_[n] + lanes_.bound[n];
-    if (bound > threshold() || lanes_.share[n] == 0) continue;
-    lowest = std::min(lowest, bound);
-    lane = n;
-    ++left;
+  double lowest = kNone, shares = 0;
+  int count = 0;
+  if (judged.sets > 0 && judged.is_partial) {
+    const int lane = judged.first, i = std::countr_zero(judged.undecided_ranges);
+    if (lanes_.share[lane] > kLittleLess && h < kMostLimits * cutoff_ * given_.sigma[i]) {
+      cell.bound = std::max(cell.bound, of_outliers_[lane] + lanes_.bound[lane]);
+      if (cell.bound > threshold()) return 0;
+      if (is_tiny(cell, at_ridges)) return 0;
+      for (int k = 0; k < D; ++k) {
+        cell.centre[k] = lanes_.centre[k][lane];
+        cell.half[k] = lanes_.half[k][lane];
+      }
+      left[0] = left[1] = cell;
+      halvings[0] = halvings[1] = 0;
+      left[0].inliers |= std::uint64_t{1} << i;
+      left[1].outliers |= std::uint64_t{1} << i;
+      return 2;
+    }
   }
-  if (judged.sets > 0) cell.bound = std::max(cell.bound, lowest);
-  if (cell.bound > threshold()) return 0;
-  if (judged.undecided > 0) {
-    if (is_tiny(cell, at_ridges)) return 0;
-  } else if (has_its_minimum(cell, lane) || is_tiny(cell, lanes_.slope[lane] * h + 0.5 * total_ * h * h)) {
-    return 0;
+  for (int n = 0; n < judged.sets; ++n) {
+    const int lane = judged.first + n;
+    Cell part = cell;
+    part.bound = std::max(part.bound, of_outliers_[lane] + lanes_.bound[lane]);
+    if (part.bound > threshold() || lanes_.share[lane] == 0) continue;
+    if (!judged.is_partial) {
+      part.inliers |= judged.inliers_of[n];
+      part.outliers |= judged.undecided_ranges & ~judged.inliers_of[n];
+      if ((judged.undecided == 0 || is_by_sets_) && has_its_minimum(part, lane)) continue;
+    }
+    lowest = std::min(lowest, part.bound);
+    shares += lanes_.share[lane];
+    for (int k = 0; k < D; ++k) {
+      part.centre[k] = lanes_.centre[k][lane];
+      part.half[k] = lanes_.half[k][lane];
+    }
+    halvings[count] = lanes_.share[lane] > kLittleLess;
+    left[count++] = part;
   }
-  if (left != 1) return 1;
-  for (int k = 0; k < D; ++k) {
-    cell.centre[k] = lanes_.centre[k][lane];
-    cell.half[k] = lanes_.half[k][lane];
+  if (judged.sets == 0) {
+    left[count] = cell;
+    halvings[count++] = 1;
   }
-  return lanes_.share[lane];
+  if (count == 0) return 0;
+  const double change =
+      judged.undecided > 0 ? at_ridges : lanes_.slope[judged.first] * h + 0.5 * total_ * h * h;
+  if (is_tiny(cell, change)) return 0;
+  if (count > 1 && (shares > kMostShares || !is_by_sets_)) {
+    cell.bound = std::max(cell.bound, lowest);
+    left[0] = cell;
+    halvings[0] = 1;
+    count = 1;
+  }
+  return count;
+}
+
+/// Whether at a place in a cell the ranges are what they are to be there.
+template <int D>
+bool PositionSearch<D>::has_its_roles(const Cell& cell, const Vector<D>& x) const {
+  for (int i = 0; i < std::min(given_.count, 64); ++i) {
+    const bool is_outlier = std::abs(norm(from_beacon(x, i)) - given_.range[i]) >= cutoff_ * given_.sigma[i];
+    if (((is_outlier ? cell.inliers : cell.outliers) >> i & 1) != 0) return false;
+  }
+  return true;
 }
 
 /// Whether the energy is convex in a cell, so that it has one minimum at most, and that is known.
@@ -801,6 +916,7 @@ template <int D>
 bool PositionSearch<D>::has_its_minimum(const Cell& cell, int lane) {
   if ((lanes_.convex >> lane & 1) == 0) return false;
   const double h = norm(cell.half);
+  const std::uint64_t of_set = is_by_sets_ ? cell.inliers : 0;
   const auto is_inside = [&](const Vector<D>& x) {
     if (!is_robust()) return distance(x, cell.centre) <= h;
     bool is_in = true;  // in the ball around it, other ranges may be inliers
@@ -809,15 +925,17 @@ bool PositionSearch<D>::has_its_minimum(const Cell& cell, int lane) {
     return is_in;
   };
   for (int i = 0; i < count_; ++i)
-    if (is_inside(minima_[i].x)) return true;
+    if (is_inside(minima_[i].x) && has_its_roles(cell, minima_[i].x)) return true;
   double square = 0;
   for (int k = 0; k < D; ++k) square += lanes_.newton[k][lane] * lanes_.newton[k][lane];
   if (!(square <= 2.25 * h * h)) return false;
   Vector<D> x = cell.centre;
   Symmetric<D> hessian;
-  const double found = descend(x, hessian);
-  add(x, found, hessian);
-  return is_inside(x);
+  // With other inliers, it is no minimum.
+  const double found = descend(x, hessian, of_set);
+  const bool is_here = is_inside(x);
+  if (of_set == 0 || (is_here && has_its_roles(cell, x))) add(x, found, hessian);
+  return is_here;
 }
 
 /// Whether a cell is too flat, or too small, to be split further.
@@ -864,10 +982,142 @@ void PositionSearch<D>::push(const Cell& cell, int halvings) {
   }
 }
 
+/// Whether D beacons are on one line in space, or two at one place, so that their distances do not tell where
+/// places are.
+template <int D>
+bool PositionSearch<D>::has_degenerate_set() const {
+  const double least = 1e-4 * extent_;
+  for (int i = 0; i < given_.count; ++i) {
+    for (int j = 0; j < i; ++j) {
+      const Vector<D> along = from_beacon(beacon(i), j);
+      const double square = dot(along, along);
+      if (square < least * least) return true;
+      for (int k = 0; D == 3 && k < j; ++k) {
+        Vector<D> across = from_beacon(beacon(k), j);
+        const double share = dot(across, along) / square;
+        for (int c = 0; c < D; ++c) across[c] -= share * along[c];
+        if (dot(across, across) < least * least) return true;
+      }
+    }
+  }
+  return false;
+}
+
+/// The minima of which D ranges are all inliers, and a cell, or two, for all places where they and others
+/// are, but none before the last of them. In coordinates about the first beacon, along those towards the
+/// others, places are linear functions of the squared distances, and so the square of the last coordinate is
+/// a quadratic one.
+template <int D>
+void PositionSearch<D>::push_next_set() {
+  double square[D], mean[D], spread[D];  // of the range, and of an inlier's distance
+  Vector<D> low = constant<D>(-kNone), high = constant<D>(kNone);
+  Cell cell = {};
+  cell.bound = (set_[D - 1] + 1 - D) * outlier_;
+  for (int j = 0; j < D; ++j) {
+    const int i = set_[j];
+    const double r = given_.range[i], limit = cutoff_ * given_.sigma[i];
+    const double most = r + limit, least = std::max(0.0, r - limit);
+    square[j] = r * r;
+    mean[j] = 0.5 * (most * most + least * least);
+    spread[j] = 0.5 * (most - least) * (most + least);
+    cell.inliers |= std::uint64_t{1} << i;
+    for (int k = 0; k < D; ++k) {
+      low[k] = std::max(low[k], given_.beacons[D * i + k] - most);
+      high[k] = std::min(high[k], given_.beacons[D * i + k] + most);
+    }
+  }
+  // x = origin + height axis_0 + sum_{j > 0} at_j axis_j, where at_j = constant_j + sum_k by_jk square_k
+  const Vector<D> origin = beacon(set_[0]);
+  Vector<D> axis[D], place = origin, middle = origin, half = constant<D>(0);
+  double by[D][D] = {}, constants[D] = {}, slope[D] = {1};
+  double height = square[0], most = mean[0], less = 0, change = 1e-11 * extent_ * extent_;
+  for (int j = 1; j < D; ++j) {
+    axis[j] = from_beacon(beacon(set_[j]), set_[0]);
+    constants[j] = dot(axis[j], axis[j]);
+    by[j][0] = 1;
+    by[j][j] = -1;
+    for (int l = 1; l < j; ++l) {
+      const double along = dot(axis[j], axis[l]);
+      constants[j] -= 2 * along * constants[l];
+      for (int k = 0; k < D; ++k) {
+        by[j][k] -= 2 * along * by[l][k];
+        axis[j][k] -= along * axis[l][k];
+      }
+    }
+    const double length = norm(axis[j]);
+    double at = constants[j] /= 2 * length, of_mean = at, reach = 0;
+    for (int k = 0; k < D; ++k) {
+      axis[j][k] /= length;
+      by[j][k] /= 2 * length;
+      at += by[j][k] * square[k];
+      of_mean += by[j][k] * mean[k];
+      reach += std::abs(by[j][k]) * spread[k];
+    }
+    height -= at * at;
+    most -= of_mean * of_mean;
+    less += reach * reach;
+    for (int k = 0; k < D; ++k) {
+      slope[k] -= 2 * of_mean * by[j][k];
+      place[k] += at * axis[j][k];
+      middle[k] += of_mean * axis[j][k];
+      half[k] += reach * std::abs(axis[j][k]);
+    }
+  }
+  const auto push_part = [&](double along, double reach) {
+    for (int k = 0; k < D; ++k) {
+      double from = low[k], to = high[k];
+      const double at = middle[k] + along * axis[0][k], by_axis = half[k] + reach * std::abs(axis[0][k]);
+      from = std::max(from, at - by_axis);
+      to = std::min(to, at + by_axis);
+      if (from > to) return;
+      cell.centre[k] = 0.5 * (from + to);
+      cell.half[k] = 0.5 * (to - from) + 1e-9 * extent_;
+    }
+    push(cell, 0);
+  };
+  const std::uint64_t until = (std::uint64_t{2} << set_[D - 1]) - 1;
+  if constexpr (D == 2)
+    axis[0] = {{-axis[1][1], axis[1][0]}};
+  else
+    axis[0] = {{axis[1][1] * axis[2][2] - axis[1][2] * axis[2][1],
+                axis[1][2] * axis[2][0] - axis[1][0] * axis[2][2],
+                axis[1][0] * axis[2][1] - axis[1][1] * axis[2][0]}};
+  // These beacons are in one plane: if they alone are inliers, all minima are one or its mirror image.
+  cell.outliers = ~cell.inliers;
+  for (const double side : {-1.0, 1.0}) {
+    if ((given_.count - D) * outlier_ > threshold()) break;
+    Vector<D> x = place;
+    for (int k = 0; k < D; ++k) x[k] += side * std::sqrt(std::max(0.0, height)) * axis[0][k];
+    if (height > 0 && !has_its_roles(cell, x)) continue;
+    Symmetric<D> hessian;
+    const double e = descend(x, hessian, cell.inliers);
+    if (has_its_roles(cell, x)) add(x, e, hessian);
+    if (height <= 0) break;
+  }
+  cell.outliers &= until;
+  cell.least_inliers = D + 1;
+  for (int k = 0; k < D; ++k) change += std::abs(slope[k]) * spread[k];
+  if (most + change >= 0) {
+    const double top = std::sqrt(most + change), bottom = std::sqrt(std::max(0.0, most - change - less));
+    const double along = bottom > 0 ? 0.5 * (top + bottom) : 0;
+    push_part(along, top - along);
+    if (bottom > 0) push_part(-along, top - along);
+  }
+  int k = 0;  // the next set, in the order of its last range
+  while (k + 1 < D && set_[k] + 1 == set_[k + 1]) {
+    set_[k] = k;
+    ++k;
+  }
+  ++set_[k];
+  has_sets_ = set_[D - 1] < given_.count && (set_[D - 1] + 1 - D) * outlier_ <= threshold();
+}
+
 template <int D>
 void PositionSearch<D>::branch_and_bound() {
   take_lanes(0, kLanes);
-  while (stacked_ > 0 && has_room()) {
+  while (has_room()) {
+    while (has_sets_ && stacked_ < kLanes) push_next_set();
+    if (stacked_ == 0) break;
     Judged judged[kLanes];
     int taken = 0, lanes = 0;
     while (stacked_ > 0 && taken < kLanes && lanes < kLanes) {
@@ -878,21 +1128,19 @@ void PositionSearch<D>::branch_and_bound() {
       if (judged[taken].cell.bound <= threshold()) lanes += judged[taken++].sets;
     }
     if (lanes > 0) lanes_v0_1::judge(lanes_);
-    struct {
-      int of, halvings;
-    } left[kLanes];
-    int count_left = 0;
+    Cell left[2 * kLanes];
+    int halvings[2 * kLanes], order[2 * kLanes], count_left = 0;
     for (int n = 0; n < taken; ++n) {
-      const double share = settle(judged[n]);
-      if (share == 0) continue;
-      int at = count_left++;  // the lowest one is searched first
-      for (; at > 0 && judged[left[at - 1].of].cell.bound < judged[n].cell.bound; --at)
-        left[at] = left[at - 1];
-      left[at] = {n, share > kLittleLess ? 1 : 0};
+      const int last = count_left + settle(judged[n], left + count_left, halvings + count_left);
+      for (; count_left < last; ++count_left) {
+        int at = count_left;  // the lowest one is searched first
+        for (; at > 0 && left[order[at - 1]].bound < left[count_left].bound; --at) order[at] = order[at - 1];
+        order[at] = count_left;
+      }
     }
     const int more = count_left == 1 ? 2 : count_left == 2 ? 1 : 0;  // to fill the lanes
     for (int n = 0; n < count_left; ++n)
-      push(judged[left[n].of].cell, left[n].halvings > 0 ? left[n].halvings + more : 0);
+      push(left[order[n]], halvings[order[n]] > 0 ? halvings[order[n]] + more : 0);
   }
 }
 
