@@ -1031,21 +1031,30 @@ void PositionSearch<D>::push_next_set() {
   Vector<D> axis[D], place = origin, middle = origin, half = constant<D>(0);
   double by[D][D] = {}, constants[D] = {}, slope[D] = {1};
   double height = square[0], most = mean[0], less = 0, change = 1e-11 * extent_ * extent_;
+  // Coordinates are differences of numbers of these sizes, of which this share is more than what they may be
+  // wrong by.
+  constexpr double kRounding = 1e-13;
+  double sizes[D] = {}, rounding = 1e-9 * extent_;
   for (int j = 1; j < D; ++j) {
     axis[j] = from_beacon(beacon(set_[j]), set_[0]);
     constants[j] = dot(axis[j], axis[j]);
+    sizes[j] = constants[j];
+    for (const int k : {0, j}) sizes[j] += mean[k] + spread[k];
     by[j][0] = 1;
     by[j][j] = -1;
     for (int l = 1; l < j; ++l) {
       const double along = dot(axis[j], axis[l]);
       constants[j] -= 2 * along * constants[l];
+      sizes[j] += 2 * std::abs(along) * sizes[l];
       for (int k = 0; k < D; ++k) {
         by[j][k] -= 2 * along * by[l][k];
         axis[j][k] -= along * axis[l][k];
       }
     }
     const double length = norm(axis[j]);
-    double at = constants[j] /= 2 * length, of_mean = at, reach = 0;
+    sizes[j] /= 2 * length;
+    const double wrong = kRounding * sizes[j];
+    double at = constants[j] /= 2 * length, of_mean = at, reach = wrong;
     for (int k = 0; k < D; ++k) {
       axis[j][k] /= length;
       by[j][k] /= 2 * length;
@@ -1056,6 +1065,8 @@ void PositionSearch<D>::push_next_set() {
     height -= at * at;
     most -= of_mean * of_mean;
     less += reach * reach;
+    change += 2 * std::abs(of_mean) * wrong;
+    rounding += wrong;
     for (int k = 0; k < D; ++k) {
       slope[k] -= 2 * of_mean * by[j][k];
       place[k] += at * axis[j][k];
@@ -1069,9 +1080,9 @@ void PositionSearch<D>::push_next_set() {
       const double at = middle[k] + along * axis[0][k], by_axis = half[k] + reach * std::abs(axis[0][k]);
       from = std::max(from, at - by_axis);
       to = std::min(to, at + by_axis);
-      if (from > to) return;
+      if (from > to + 2 * rounding) return;
       cell.centre[k] = 0.5 * (from + to);
-      cell.half[k] = 0.5 * (to - from) + 1e-9 * extent_;
+      cell.half[k] = 0.5 * (to - from) + rounding;
     }
     push(cell, 0);
   };
