@@ -1035,6 +1035,7 @@ void PositionSearch<D>::push_next_set() {
   // wrong by.
   constexpr double kRounding = 1e-13;
   double sizes[D] = {}, rounding = 1e-9 * extent_;
+  bool is_clear = true;  // where the ranges meet
   for (int j = 1; j < D; ++j) {
     axis[j] = from_beacon(beacon(set_[j]), set_[0]);
     constants[j] = dot(axis[j], axis[j]);
@@ -1052,6 +1053,7 @@ void PositionSearch<D>::push_next_set() {
       }
     }
     const double length = norm(axis[j]);
+    is_clear = is_clear && length > 1e-2 * extent_;
     sizes[j] /= 2 * length;
     const double wrong = kRounding * sizes[j];
     double at = constants[j] /= 2 * length, of_mean = at, reach = wrong;
@@ -1093,10 +1095,11 @@ void PositionSearch<D>::push_next_set() {
     axis[0] = {{axis[1][1] * axis[2][2] - axis[1][2] * axis[2][1],
                 axis[1][2] * axis[2][0] - axis[1][0] * axis[2][2],
                 axis[1][0] * axis[2][1] - axis[1][1] * axis[2][0]}};
-  // These beacons are in one plane: if they alone are inliers, all minima are one or its mirror image.
-  cell.outliers = ~cell.inliers;
+  // These beacons are in one plane: if they alone are inliers, all minima are one or its mirror image. Where
+  // they are nearly on a line, it may not be found from here.
   for (const double side : {-1.0, 1.0}) {
-    if ((given_.count - D) * outlier_ > threshold()) break;
+    if (!is_clear || (given_.count - D) * outlier_ > threshold()) break;
+    cell.outliers = ~cell.inliers;
     Vector<D> x = place;
     for (int k = 0; k < D; ++k) x[k] += side * std::sqrt(std::max(0.0, height)) * axis[0][k];
     if (height > 0 && !has_its_roles(cell, x)) continue;
@@ -1105,8 +1108,8 @@ void PositionSearch<D>::push_next_set() {
     if (has_its_roles(cell, x)) add(x, e, hessian);
     if (height <= 0) break;
   }
-  cell.outliers &= until;
-  cell.least_inliers = D + 1;
+  cell.outliers = until & ~cell.inliers;
+  cell.least_inliers = is_clear ? D + 1 : D;
   for (int k = 0; k < D; ++k) change += std::abs(slope[k]) * spread[k];
   if (most + change >= 0) {
     const double top = std::sqrt(most + change), bottom = std::sqrt(std::max(0.0, most - change - less));
