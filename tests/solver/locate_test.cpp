@@ -340,6 +340,83 @@ TEST(Locate, BeaconsThatWereHeardTwiceOrAreOnOneLine) {
   EXPECT_GE(proven, 6);  // of 8: some searches are too long
 }
 
+/// Where three ranges meet: in coordinates along the first two beacons and in the plane of the three.
+std::vector<Point<3>> meets(const Problem<3>& problem, const std::array<std::size_t, 3>& set) {
+  const auto from_first = [&](std::size_t i) {
+    Point<3> p;
+    for (std::size_t k = 0; k < 3; ++k) p[k] = problem.beacons[3 * i + k] - problem.beacons[3 * set[0] + k];
+    return p;
+  };
+  const auto dot = [](const Point<3>& a, const Point<3>& b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  };
+  const auto normalised = [&](Point<3> a) {
+    const double length = std::sqrt(dot(a, a));
+    for (double& value : a) value /= length;
+    return a;
+  };
+  const Point<3> second = from_first(set[1]), third = from_first(set[2]);
+  const Point<3> e = normalised(second);
+  Point<3> across = third;
+  for (std::size_t k = 0; k < 3; ++k) across[k] -= dot(third, e) * e[k];
+  const Point<3> f = normalised(across);
+  const Point<3> g{e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]};
+  const auto square = [&](std::size_t n) { return problem.ranges[set[n]] * problem.ranges[set[n]]; };
+  const double x = (square(0) - square(1) + dot(second, second)) / (2 * dot(second, e));
+  const double y = (square(0) - square(2) + dot(third, third) - 2 * dot(third, e) * x) / (2 * dot(third, f));
+  const double height = square(0) - x * x - y * y;
+  std::vector<Point<3>> places;
+  for (const double side : {-1, 1}) {
+    if (!(height >= 0)) continue;
+    Point<3> place;
+    for (std::size_t k = 0; k < 3; ++k)
+      place[k] = problem.beacons[3 * set[0] + k] + x * e[k] + y * f[k] + side * std::sqrt(height) * g[k];
+    places.push_back(place);
+  }
+  return places;
+}
+
+// Beacons near one another leave long, curved valleys. A saddle in one is no minimum, and a place where three
+// ranges meet, and no other is an inlier, is one.
+TEST(Locate, BeaconsNearOneAnother) {
+  Rng rng(23);
+  int judged = 0;
+  for (int n = 0; n < 60; ++n) {
+    SCOPED_TRACE(n);
+    auto problem = random_problem<3>(rng, kScattered, 0.03, 7);
+    problem.cutoff = 2;
+    for (std::size_t i = 1; i < (n % 2 == 0 ? 2U : 7U); i += 2) {
+      for (std::size_t k = 0; k < 3; ++k)
+        problem.beacons[3 * i + k] = problem.beacons[3 * i - 3 + k] + rng.uniform(-0.015, 0.015);
+      problem.ranges[i] = std::max(0.0, problem.ranges[i - 1] + rng.uniform(-0.06, 0.06));
+    }
+    for (double& r : problem.ranges)
+      if (rng.uniform(0, 1) < 0.3) r += rng.uniform(0, 10);
+    const PositionFix<3> fix = problem.solve();
+    ASSERT_EQ(fix.status, Status::Converged) << text(fix);
+    for (int i = 0; i < fix.count; ++i) {
+      const auto& c = fix.minima[static_cast<std::size_t>(i)].covariance;
+      EXPECT_TRUE(c[0] > 0 && c[4] > 0 && c[8] > 0)
+          << "a saddle of energy " << fix.minima[static_cast<std::size_t>(i)].energy;
+    }
+    if (!fix.proven || fix.minima[0].energy + fix.within < 8.1) continue;
+    for (std::size_t k = 2; k < 7; ++k) {
+      for (std::size_t j = 1; j < k; ++j) {
+        for (std::size_t i = 0; i < j; ++i) {
+          for (const Point<3>& x : meets(problem, {i, j, k})) {
+            std::vector<bool> set(7);
+            set[i] = set[j] = set[k] = true;
+            if (problem.inliers(x) != set) continue;
+            ++judged;
+            EXPECT_TRUE(is_listed<3>(problem, fix, x)) << i << " " << j << " " << k;
+          }
+        }
+      }
+    }
+  }
+  EXPECT_GT(judged, 200);
+}
+
 TEST(Locate, FindsTheInliersAmongManyRanges) {
   Rng rng(11);
   for (int n = 0; n < 5; ++n) {

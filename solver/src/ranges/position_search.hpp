@@ -416,7 +416,7 @@ template <int D>
 bool PositionSearch<D>::has_barrier(const Vector<D>& x, double e, const Minimum<D>& other) const {
   const bool is_higher = e >= other.energy;
   const Vector<D>&from = is_higher ? x : other.x, &to = is_higher ? other.x : x;
-  for (double share = 0.5; share > 1e-3; share *= 0.5) {
+  for (double share = 0.8; share > 1e-3; share *= 0.8) {
     Vector<D> between;
     for (int k = 0; k < D; ++k) between[k] = from[k] + share * (to[k] - from[k]);
     if (energy(between) > std::max(e, other.energy) + kBarrier) return true;
@@ -871,8 +871,10 @@ int PositionSearch<D>::settle(Judged& judged, Cell* left, int* halvings) {
     part.bound = std::max(part.bound, of_outliers_[lane] + lanes_.bound[lane]);
     if (part.bound > threshold() || lanes_.share[lane] == 0) continue;
     if (!judged.is_partial) {
-      part.inliers |= judged.inliers_of[n];
-      part.outliers |= judged.undecided_ranges & ~judged.inliers_of[n];
+      if (is_by_sets_) {
+        part.inliers |= judged.inliers_of[n];
+        part.outliers |= judged.undecided_ranges & ~judged.inliers_of[n];
+      }
       if ((judged.undecided == 0 || is_by_sets_) && has_its_minimum(part, lane)) continue;
     }
     lowest = std::min(lowest, part.bound);

@@ -120,22 +120,24 @@ double form(const Symmetric<D>& m, const Vector<D>& v) {
   return dot(v, m.times(v));
 }
 
-/// An eigenvector of the least eigenvalue, by powers of (bound - m).
+/// The direction of the least eigenvalue of a matrix that is not definite, by powers of the inverse of one
+/// that is, barely: as exact where the other eigenvalues are far larger, as across a valley.
 template <int D>
 Vector<D> lowest_direction(const Symmetric<D>& m) {
-  double bound = 0;
-  for (int i = 0; i < D; ++i) {
-    double row = 0;
-    for (int j = 0; j < D; ++j) row += std::abs(m(i, j));
-    bound = std::max(bound, row);
-  }
-  Vector<D> v;
-  for (int i = 0; i < D; ++i) v[i] = 1 + 0.37 * i;
-  for (int iteration = 0; iteration < 60; ++iteration) {
-    const Vector<D> mv = m.times(v);
-    for (int i = 0; i < D; ++i) v[i] = bound * v[i] - mv[i];
-    const double length = norm(v);
-    for (double& a : v.at) a /= length;
+  double size = 0;
+  for (double a : m.at) size = std::max(size, std::abs(a));
+  Vector<D> v = constant<D>(1);
+  for (double shift = 1e-16 * size; shift < 1e3 * size; shift *= 3) {
+    const Symmetric<D> shifted = m.shifted(shift);
+    if (!shifted.is_definite()) continue;
+    const Symmetric<D> inverse = shifted.inverse();
+    for (int i = 0; i < D; ++i) v[i] = 1 + 0.37 * i;
+    for (int iteration = 0; iteration < 60; ++iteration) {
+      v = inverse.times(v);
+      const double length = norm(v);
+      for (double& a : v.at) a /= length;
+    }
+    break;
   }
   return v;
 }
