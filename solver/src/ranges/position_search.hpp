@@ -86,7 +86,7 @@ class PositionSearch {
     if (is_proven_at_once()) return;
     is_by_sets_ = has_sets_ = is_robust() && given_.count <= kMostOfSets && !has_degenerate_set();
     for (int k = 0; k < D; ++k) set_[k] = k;
-    if (!is_by_sets_) push({constant<D>(0), constant<D>(reach_), 0, 0, 0, 0}, 3);
+    if (!is_by_sets_) push({constant<D>(0), constant<D>(reach_), 0, 0, 0, 0, 0}, 3);
     branch_and_bound();
   }
 
@@ -109,7 +109,7 @@ class PositionSearch {
   void begin(int lane) {
     lane_ = lane;
     take_lanes(lane, lane + 1);
-    push({constant<D>(0), constant<D>(reach_), 0, 0, 0, 0}, 0);
+    push({constant<D>(0), constant<D>(reach_), 0, 0, 0, 0, 0}, 0);
   }
   bool next() {
     for (; stacked_ > 0; --stacked_) {
@@ -149,7 +149,7 @@ class PositionSearch {
       other.half[k] = cell.half[k];
     }
     other.bound = cell.bound;
-    other.inliers = other.outliers = 0;
+    other.inliers = other.outliers = other.far = 0;
     other.least_inliers = 0;
     other.centre[axis] += cell.half[axis];
     cell.centre[axis] -= cell.half[axis];
@@ -189,11 +189,12 @@ class PositionSearch {
     /// Of the first 64 ranges, those that are inliers, and outliers, in all of it, or of which only minima
     /// are searched where they are.
     std::uint64_t inliers, outliers;
+    std::uint64_t far;  ///< of the outliers, those that cannot be inliers anywhere in it
     int least_inliers;  ///< only minima of so many inliers are searched
   };
   /// Of a range in a cell, with a bound on what it adds there.
   struct Role {
-    bool may_be_inlier, may_be_outlier;
+    bool may_be_inlier, may_be_outlier, is_far;
     double bound;
   };
 
@@ -734,11 +735,11 @@ typename PositionSearch<D>::Role PositionSearch<D>::role(int i, const Cell& cell
   const double r = given_.range[i], limit = cutoff_ * given_.sigma[i], high = (r + limit) * (r + limit);
   const double low = r > limit ? (r - limit) * (r - limit) : 0;
   const std::uint64_t bit = i < 64 ? std::uint64_t{1} << i : 0;
-  if (near > high || far < low || (cell.outliers & bit) != 0)
-    return {false, (near < low || far > high) && (cell.inliers & bit) == 0, outlier_};
+  const bool is_far = near > high || far < low;
+  const bool may_be_outlier = (near < low || far > high) && (cell.inliers & bit) == 0;
+  if (is_far || (cell.outliers & bit) != 0) return {false, may_be_outlier, is_far, outlier_};
   const double least = near > r * r ? std::sqrt(near) - r : far < r * r ? r - std::sqrt(far) : 0;
-  return {true, (near < low || far > high) && (cell.inliers & bit) == 0,
-          0.5 * given_.weight[i] * least * least};
+  return {true, may_be_outlier, false, 0.5 * given_.weight[i] * least * least};
 }
 
 /// Gives a cell a lane for each set of inliers that it may have, from `first` on: a minimum is one of the
@@ -758,14 +759,13 @@ bool PositionSearch<D>::prepare(Judged& judged, int first) {
   int undecided[kMostUndecided];
   for (int i = 0; is_robust() && i < given_.count && bound <= threshold(); ++i) {
     const std::uint64_t bit = i < 64 ? std::uint64_t{1} << i : 0;
-    // Of sets, it may be one that was only assumed to be an outlier.
-    const bool is_known = !is_by_sets_ && (cell.outliers & bit) != 0;
-    const Role of = is_known ? Role{false, true, outlier_} : role(i, cell);
+    const Role of = (cell.far & bit) != 0 ? Role{false, true, true, outlier_} : role(i, cell);
     lanes_.weights[kLanes * i + first] = of.may_be_inlier ? given_.weight[i] : 0;
     if (!of.may_be_inlier) {
       bound += of.may_be_outlier ? outlier_ : kNone;
       outliers += outlier_;
       cell.outliers |= bit;
+      if (of.is_far) cell.far |= bit;
     } else if (!of.may_be_outlier) {
       bound += of.bound;
       inliers += of.bound;
@@ -797,19 +797,19 @@ bool PositionSearch<D>::prepare(Judged& judged, int first) {
     return lane;
   };
   if (judged.undecided <= kMostUndecided) {
+    double least_of[1 << kMostUndecided];  // of the energy, by set
+    least_of[0] = outliers + inliers + judged.undecided * outlier_;
+    for (unsigned set = 1; set < 1U << judged.undecided; ++set)
+      least_of[set] = least_of[set & (set - 1)] + bound_of[std::countr_zero(set)] - outlier_;
     for (int set = (1 << judged.undecided) - 1; set >= 0; --set) {
-      double constant = outliers, least = inliers;
-      for (int n = 0; n < judged.undecided; ++n)
-        ((set >> n & 1) != 0 ? least : constant) += (set >> n & 1) != 0 ? bound_of[n] : outlier_;
-      if (constant + least > threshold() ||
-          sure + std::popcount(static_cast<unsigned>(set)) < cell.least_inliers)
-        continue;
+      const int count = std::popcount(static_cast<unsigned>(set));
+      if (least_of[set] > threshold() || sure + count < cell.least_inliers) continue;
       if (first + judged.sets == kLanes) {
         if (first > 0) return false;
         judged.is_partial = true;
         break;
       }
-      const int lane = take_lane(constant, false);
+      const int lane = take_lane(outliers + (judged.undecided - count) * outlier_, false);
       std::uint64_t& of_set = judged.inliers_of[judged.sets - 1] = 0;
       if (lane > first)
         for (int i = 0; i < given_.count; ++i)
