@@ -33,7 +33,7 @@
 //    depends on the size of the ball.
 namespace asterism::ranges {
 
-/// Places between which the energy rises by less are one minimum.
+/// Two minima between which the energy rises by less, on the straight line, are one.
 inline constexpr double kBarrier = 1e-6;
 
 template <int D>
@@ -265,7 +265,7 @@ class PositionSearch {
 
   void return_to_valley(const Vector<D>& from, Vector<D>& x, std::uint64_t only) const;
   double descend(Vector<D>& x, Symmetric<D>& hessian, std::uint64_t only = 0) const;
-  bool has_barrier(const Vector<D>& x, double e, const Minimum<D>& other) const;
+  bool has_barrier(const Minimum<D>& a, const Minimum<D>& b) const;
   int keep(const Vector<D>& x, double e, const Symmetric<D>& hessian);
   /// The same, and beside flat beacons its mirror image.
   int add(const Vector<D>& x, double e, const Symmetric<D>& hessian) {
@@ -412,15 +412,19 @@ double PositionSearch<D>::descend(Vector<D>& x, Symmetric<D>& hessian, std::uint
   return evaluate(x, gradient, hessian, only);
 }
 
-/// Whether the energy rises on the way from the higher one of two minima to the lower one.
+/// Whether the energy rises on the straight line from the higher one of two minima to the lower one. The
+/// first place is where the quadratic form of the higher one has risen by the barrier; a ridge may be just
+/// beyond.
 template <int D>
-bool PositionSearch<D>::has_barrier(const Vector<D>& x, double e, const Minimum<D>& other) const {
-  const bool is_higher = e >= other.energy;
-  const Vector<D>&from = is_higher ? x : other.x, &to = is_higher ? other.x : x;
-  for (double share = 0.8; share > 1e-3; share *= 0.8) {
-    Vector<D> between;
-    for (int k = 0; k < D; ++k) between[k] = from[k] + share * (to[k] - from[k]);
-    if (energy(between) > std::max(e, other.energy) + kBarrier) return true;
+bool PositionSearch<D>::has_barrier(const Minimum<D>& a, const Minimum<D>& b) const {
+  const Minimum<D>&from = a.energy >= b.energy ? a : b, &to = a.energy >= b.energy ? b : a;
+  Vector<D> way = to.x;
+  for (int k = 0; k < D; ++k) way[k] -= from.x[k];
+  const double share_of_barrier = std::sqrt(2 * kBarrier / std::max(0.0, form(from.hessian, way)));
+  for (double share = std::clamp(1.1 * share_of_barrier, 1e-9, 0.5); share < 1; share *= 1.25) {
+    Vector<D> between = from.x;
+    for (int k = 0; k < D; ++k) between[k] += share * way[k];
+    if (energy(between) > from.energy + kBarrier) return true;
   }
   return false;
 }
@@ -429,12 +433,14 @@ bool PositionSearch<D>::has_barrier(const Vector<D>& x, double e, const Minimum<
 template <int D>
 int PositionSearch<D>::keep(const Vector<D>& x, double e, const Symmetric<D>& hessian) {
   if (!(e <= threshold())) return -1;
+  Minimum<D> found = {x, e, hessian, 0};
   for (int i = 0; i < count_; ++i) {
     Minimum<D>& known = minima_[i];
     const double apart = distance(x, known.x);
-    if (apart > known.radius && has_barrier(x, e, known)) continue;
+    if (apart > known.radius && has_barrier(found, known)) continue;
     if (e < known.energy && apart > 0) {
-      known = {x, e, hessian, is_robust() ? convex_radius(x) : 0};
+      if (is_robust()) found.radius = convex_radius(x);
+      known = found;
       best_ = std::min(best_, e);
     }
     return i;
@@ -447,7 +453,8 @@ int PositionSearch<D>::keep(const Vector<D>& x, double e, const Symmetric<D>& he
     if (e >= last) return -1;
     --count_;
   }
-  minima_[count_] = {x, e, hessian, is_robust() ? convex_radius(x) : 0};
+  if (is_robust()) found.radius = convex_radius(x);
+  minima_[count_] = found;
   return count_++;
 }
 
