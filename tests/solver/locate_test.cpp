@@ -417,6 +417,30 @@ TEST(Locate, BeaconsNearOneAnother) {
   EXPECT_GT(judged, 200);
 }
 
+// Not a millimetre from a minimum, the second range becomes an outlier, and the energy falls towards another
+// minimum, a metre away. The ridge is 2e-5 high.
+TEST(Locate, ARidgeCloseToAMinimumIsABarrier) {
+  Problem<2> problem;
+  problem.beacons = {6.4857197465253345, 7.1580563185513313, 7.2252144315388991, 8.6373402412645746,
+                     6.4698576444764866, 7.1891414870654673, 7.2107569171022323, 8.5887108541392294,
+                     6.5090787939954042, 7.166747830200566};
+  problem.ranges = {4.9970227624200412, 6.7345383027093577, 5.0817713557637942, 6.5698476072504501,
+                    6.2172712060362434};
+  problem.sigma.assign(5, 0.03);
+  problem.cutoff = 2;
+  const std::vector<bool> set{true, true, true, true, false};
+  const Point<2> x = problem.descended({4.8046662, 2.4170693}, set, 100000);
+  ASSERT_EQ(problem.inliers(x), set);
+  const PositionFix<2> fix = problem.solve();
+  ASSERT_TRUE(fix.proven);
+  double nearest = kNone;
+  for (int i = 0; i < fix.count; ++i) {
+    const auto& known = fix.minima[static_cast<std::size_t>(i)];
+    nearest = std::min(nearest, std::hypot(known.x[0] - x[0], known.x[1] - x[1]));
+  }
+  EXPECT_LT(nearest, 1e-5);
+}
+
 TEST(Locate, FindsTheInliersAmongManyRanges) {
   Rng rng(11);
   for (int n = 0; n < 5; ++n) {

@@ -41,8 +41,9 @@ struct PositionFix {
   /// What is wrong, or what the geometry cannot tell, or why nothing is proven; may be empty.
   Message message;
   /// Whether it is proven, up to 1e-6 in energy and to rounding, that the first minimum is the global one and
-  /// that all minima up to `within` above it are listed. Places between which the energy rises by less than
-  /// 1e-6 count as one minimum.
+  /// that all minima up to `within` above it are listed. Two minima between which the energy rises by less
+  /// than 1e-6, on the straight line, count as one. In a curved valley that is flat to that much, several
+  /// places may be listed.
   bool proven = false;
   double within = 0;  ///< LocateOptions::within, or less where that would be more than kMost minima
   int count = 0;      ///< of minima, at least 1 if Converged
