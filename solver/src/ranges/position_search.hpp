@@ -84,7 +84,7 @@ class PositionSearch {
   /// Finds the minima.
   void run() {
     if (is_proven_at_once()) return;
-    is_by_sets_ = has_sets_ = is_robust() && given_.count <= kMostOfSets && !has_degenerate_set();
+    is_by_sets_ = has_sets_ = is_robust() && given_.count <= kMostOfSets;
     for (int k = 0; k < D; ++k) set_[k] = k;
     if (!is_by_sets_) push({constant<D>(0), constant<D>(reach_), 0, 0, 0, 0, 0}, 3);
     branch_and_bound();
@@ -299,8 +299,8 @@ class PositionSearch {
   bool is_tiny(const Cell& cell, double change);
   void take_lanes(int first, int last);
   void push(const Cell& cell, int halvings);
-  bool has_degenerate_set() const;
-  void push_next_set();
+  void push_set();
+  void take_next_set();
   bool has_room() {
     is_complete_ = is_complete_ && cells_ < max_cells_ && stacked_ + kLanes * 2 <= kRoom;
     return is_complete_;
@@ -991,33 +991,13 @@ void PositionSearch<D>::push(const Cell& cell, int halvings) {
   }
 }
 
-/// Whether D beacons are on one line in space, or two at one place, so that their distances do not tell where
-/// places are.
-template <int D>
-bool PositionSearch<D>::has_degenerate_set() const {
-  const double least = 1e-4 * extent_;
-  for (int i = 0; i < given_.count; ++i) {
-    for (int j = 0; j < i; ++j) {
-      const Vector<D> along = from_beacon(beacon(i), j);
-      const double square = dot(along, along);
-      if (square < least * least) return true;
-      for (int k = 0; D == 3 && k < j; ++k) {
-        Vector<D> across = from_beacon(beacon(k), j);
-        const double share = dot(across, along) / square;
-        for (int c = 0; c < D; ++c) across[c] -= share * along[c];
-        if (dot(across, across) < least * least) return true;
-      }
-    }
-  }
-  return false;
-}
-
 /// The minima of which D ranges are all inliers, and a cell, or two, for all places where they and others
 /// are, but none before the last of them. In coordinates about the first beacon, along those towards the
 /// others, places are linear functions of the squared distances, and so the square of the last coordinate is
-/// a quadratic one.
+/// a quadratic one. Where beacons are at one place, or on one line in space, distances do not tell places
+/// along it.
 template <int D>
-void PositionSearch<D>::push_next_set() {
+void PositionSearch<D>::push_set() {
   double square[D], mean[D], spread[D];  // of the range, and of an inlier's distance
   Vector<D> low = constant<D>(-kNone), high = constant<D>(kNone);
   Cell cell = {};
@@ -1035,6 +1015,18 @@ void PositionSearch<D>::push_next_set() {
       high[k] = std::min(high[k], given_.beacons[D * i + k] + most);
     }
   }
+  cell.outliers = ((std::uint64_t{2} << set_[D - 1]) - 1) & ~cell.inliers;
+  cell.least_inliers = D;
+  const auto push_part = [&](const Vector<D>& middle, const Vector<D>& reach, double rounding) {
+    for (int k = 0; k < D; ++k) {
+      const double from = std::max(low[k], middle[k] - reach[k]),
+                   to = std::min(high[k], middle[k] + reach[k]);
+      if (from > to + 2 * rounding) return;
+      cell.centre[k] = 0.5 * (from + to);
+      cell.half[k] = 0.5 * (to - from) + rounding;
+    }
+    push(cell, 0);
+  };
   // x = origin + height axis_0 + sum_{j > 0} at_j axis_j, where at_j = constant_j + sum_k by_jk square_k
   const Vector<D> origin = beacon(set_[0]);
   Vector<D> axis[D], place = origin, middle = origin, half = constant<D>(0);
@@ -1062,6 +1054,7 @@ void PositionSearch<D>::push_next_set() {
       }
     }
     const double length = norm(axis[j]);
+    if (length < 1e-4 * extent_) return push_part(origin, constant<D>(kNone), rounding);
     is_clear = is_clear && length > 1e-2 * extent_;
     sizes[j] /= 2 * length;
     const double wrong = kRounding * sizes[j];
@@ -1085,19 +1078,6 @@ void PositionSearch<D>::push_next_set() {
       half[k] += reach * std::abs(axis[j][k]);
     }
   }
-  const auto push_part = [&](double along, double reach) {
-    for (int k = 0; k < D; ++k) {
-      double from = low[k], to = high[k];
-      const double at = middle[k] + along * axis[0][k], by_axis = half[k] + reach * std::abs(axis[0][k]);
-      from = std::max(from, at - by_axis);
-      to = std::min(to, at + by_axis);
-      if (from > to + 2 * rounding) return;
-      cell.centre[k] = 0.5 * (from + to);
-      cell.half[k] = 0.5 * (to - from) + rounding;
-    }
-    push(cell, 0);
-  };
-  const std::uint64_t until = (std::uint64_t{2} << set_[D - 1]) - 1;
   if constexpr (D == 2)
     axis[0] = {{-axis[1][1], axis[1][0]}};
   else
@@ -1106,27 +1086,37 @@ void PositionSearch<D>::push_next_set() {
                 axis[1][0] * axis[2][1] - axis[1][1] * axis[2][0]}};
   // These beacons are in one plane: if they alone are inliers, all minima are one or its mirror image. Where
   // they are nearly on a line, it may not be found from here.
+  Cell exact = cell;
+  exact.outliers = ~cell.inliers;
   for (const double side : {-1.0, 1.0}) {
     if (!is_clear || (given_.count - D) * outlier_ > threshold()) break;
-    cell.outliers = ~cell.inliers;
     Vector<D> x = place;
     for (int k = 0; k < D; ++k) x[k] += side * std::sqrt(std::max(0.0, height)) * axis[0][k];
-    if (height > 0 && !has_its_roles(cell, x)) continue;
+    if (height > 0 && !has_its_roles(exact, x)) continue;
     Symmetric<D> hessian;
     const double e = descend(x, hessian, cell.inliers);
-    if (has_its_roles(cell, x)) add(x, e, hessian);
+    if (has_its_roles(exact, x)) add(x, e, hessian);
     if (height <= 0) break;
   }
-  cell.outliers = until & ~cell.inliers;
-  cell.least_inliers = is_clear ? D + 1 : D;
+  if (is_clear) cell.least_inliers = D + 1;
   for (int k = 0; k < D; ++k) change += std::abs(slope[k]) * spread[k];
   if (most + change >= 0) {
     const double top = std::sqrt(most + change), bottom = std::sqrt(std::max(0.0, most - change - less));
     const double along = bottom > 0 ? 0.5 * (top + bottom) : 0;
-    push_part(along, top - along);
-    if (bottom > 0) push_part(-along, top - along);
+    for (int k = 0; k < D; ++k) half[k] += (top - along) * std::abs(axis[0][k]);
+    for (const double side : {along, -along}) {
+      Vector<D> of_part = middle;
+      for (int k = 0; k < D; ++k) of_part[k] += side * axis[0][k];
+      push_part(of_part, half, rounding);
+      if (along == 0) break;
+    }
   }
-  int k = 0;  // the next set, in the order of its last range
+}
+
+/// In the order of its last range.
+template <int D>
+void PositionSearch<D>::take_next_set() {
+  int k = 0;
   while (k + 1 < D && set_[k] + 1 == set_[k + 1]) {
     set_[k] = k;
     ++k;
@@ -1139,7 +1129,7 @@ template <int D>
 void PositionSearch<D>::branch_and_bound() {
   take_lanes(0, kLanes);
   while (has_room()) {
-    while (has_sets_ && stacked_ < kLanes) push_next_set();
+    for (; has_sets_ && stacked_ < kLanes; take_next_set()) push_set();
     if (stacked_ == 0) break;
     Judged judged[kLanes];
     int taken = 0, lanes = 0;
