@@ -265,7 +265,7 @@ struct MotionView {
 
 /// The search for motions of rigid bodies that neither anchors nor fixed nodes hold. What anchors seem to
 /// leave free is free only if the Hessian does not resist it: nodes that are all but on a line or on a point
-/// turn there without going anywhere.
+/// turn there without going anywhere. It is rarely needed, and cold, which compiles in less time.
 template <int kDim>
 class MotionSearch {
  public:
@@ -317,7 +317,7 @@ class MotionSearch {
   }
 
   // Of each connected component, with the fixed nodes that it is linked to, which hold each on its own.
-  FreeMotion of_components() const {
+  [[gnu::cold]] FreeMotion of_components() const {
     for (Node& each : view_.nodes) each.body = kUnseen;
     for (int start = 0; start < size(); ++start) {
       if (node(start).is_fixed || node(start).body != kUnseen) continue;
@@ -344,7 +344,7 @@ class MotionSearch {
   // Of one body, or none; without `turns`, translations alone. The links' energy does not change along a
   // rigid motion, so where x is stationary the second derivative of the anchors' and loads' energy along it
   // is that of all: a matrix of the size of the motions.
-  FreeMotion of_body(Body body, bool turns) const {
+  [[gnu::cold]] FreeMotion of_body(Body body, bool turns) const {
     double extent = 0;  // of coordinates, whose rounding is a share of it
     double total = 0;
     int fixed = kUnseen;  // the first one
@@ -481,7 +481,7 @@ class MotionSearch {
 
   // The rotation about the held nodes of a body, where these are on one point in the plane, or on one line in
   // space, and another node is not. None of their anchors notices, wherever x is.
-  FreeMotion about_hull(Body body, double extent) const {
+  [[gnu::cold]] FreeMotion about_hull(Body body, double extent) const {
     const auto first = std::find_if(body.begin(), body.end(), [this](int i) { return node(i).is_held(); });
     if (first == body.end()) return {};
     // An orthonormal basis of what they span, from the farthest points on (Gram & Schmidt).
@@ -578,7 +578,7 @@ class MotionSearch {
 
   // Whether the Hessian resists all rotations of a body about a point that leave the directions of a line or
   // plane through it as they are; `resting` projects on these.
-  bool resists_turns(Body body, const Vector& point, Matrix resting) const {
+  [[gnu::cold]] bool resists_turns(Body body, const Vector& point, Matrix resting) const {
     Matrix axes;
     diagonalise(resting, axes);
     for (int b = 1; b < kDim; ++b) {
@@ -601,7 +601,7 @@ class MotionSearch {
   // left. By the first terms of its series, a s^2 + b s^4, the nodes belong onto the axis (a > 0), where they
   // do not go anywhere, if
   //   v^T H v > (W v)^T H (W v) / (3 w^2).
-  bool resists(Body body, const Velocity& motion) const {
+  [[gnu::cold]] bool resists(Body body, const Velocity& motion) const {
     const double spin = motion.turn.squared_norm() / 2;  // w^2
     if (!(spin > 0)) return false;
     bool moves = false;
@@ -680,7 +680,7 @@ class MotionSearch {
   // Of a part that is attached at a single node and has neither anchor nor load: it can turn about that node,
   // whatever the node does. These parts are subtrees of a depth first search whose nodes are linked to none
   // before their parent (Hopcroft & Tarjan 1973).
-  FreeMotion of_parts() const {
+  [[gnu::cold]] FreeMotion of_parts() const {
     int* const seen = members_;
     int count = 0;
     const auto enter = [&](int i, int from) {

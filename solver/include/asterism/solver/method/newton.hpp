@@ -228,7 +228,7 @@ class Newton {
   // Improves step_, a direction v of negative curvature, and returns its curvature. Each round minimises
   // v^T H v / v^T A v over the plane of v and the quotient's gradient; A has the nodes' stiffness. A pivot's
   // direction may bend stiff springs that its curvature hardly sees.
-  Scalar bend_downwards(const System& system, const Points& x) {
+  [[gnu::cold]] Scalar bend_downwards(const System& system, const Points& x) {
     constexpr int kRounds = 20;
     const auto& A = session_.node_stiffness();
     hessian_.set(system, x);
@@ -279,7 +279,7 @@ class Newton {
   }
 
   // From a saddle or peak down.
-  bool escape(const System& system, Points& x, Summary& summary) {
+  [[gnu::cold]] bool escape(const System& system, Points& x, Summary& summary) {
     const Scalar curvature = descent_from_saddle(system, x);
     if (!(curvature < 0)) return false;
     const Scalar t =

@@ -48,10 +48,12 @@ typename System::Scalar direction_off_peak(const System& system, const typename 
 /// negative for the other side, that lowers the energy by a tenth of what the curvature promises, up to that
 /// of K_dyn; 0 if none does. `trial` is scratch.
 template <typename System>
-typename System::Scalar step_off_saddle(Session<System>& session, const System& system,
-                                        const typename System::Points& x, typename System::Scalar here,
-                                        typename System::Scalar curvature, typename System::Points& direction,
-                                        typename System::Points& trial, Summary& summary) {
+[[gnu::cold]] typename System::Scalar step_off_saddle(Session<System>& session, const System& system,
+                                                      const typename System::Points& x,
+                                                      typename System::Scalar here,
+                                                      typename System::Scalar curvature,
+                                                      typename System::Points& direction,
+                                                      typename System::Points& trial, Summary& summary) {
   using Scalar = typename System::Scalar;
   Scalar farthest = 0;
   for (int i = 0; i < system.nodes(); ++i) farthest = std::max(farthest, direction.col(i).squaredNorm());
