@@ -143,9 +143,12 @@ TEST(AnisotropicAnchors, HaveTheEnergyOfTheirInformationMatrix) {
 
 TEST(AnisotropicAnchors, RefuseWhatIsNoInformationMatrix) {
   const auto refused = [](const Eigen::Matrix2d& information) {
-    Elliptic system(Elliptic::TopologyType::full(1));
-    system.anchors << 1, 2;
+    Elliptic system(Elliptic::TopologyType::full(2));
+    system.anchors << 1, 5, 2, 2;
+    system.set_rest_lengths(system.anchors);
+    system.link_stiffness.setOnes();
     system.set_anchor_information(0, information);
+    system.set_anchor_information(1, Eigen::Matrix2d::Identity());
     Elliptic::Points x = system.anchors;
     const Summary summary = Newton<Elliptic>().solve(system, x);
     EXPECT_EQ(summary.status, Status::InvalidInput);
