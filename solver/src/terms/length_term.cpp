@@ -641,8 +641,11 @@ void LengthTerm::add_plain_curvature(const Points& x, Curvature curvature, Curva
 }
 
 void LengthTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
+  const bool is_plain = function() == nullptr && !numbers(kInformation);
+  if (dim() == 4 && is_plain && arity() == 2)  // where proofs by more dimensions often end
+    return add_plain_curvature<4, 2>(x, curvature, sink);
   detail::with_dim(dim(), [&]<int D>() {
-    if (function() == nullptr && !numbers(kInformation)) {
+    if (is_plain) {
       if (arity() == 2) return add_plain_curvature<D, 2>(x, curvature, sink);
       return add_plain_curvature<D, 3>(x, curvature, sink);
     }

@@ -330,7 +330,10 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
   is_dense_ = matrix.is_dense();
   is_shared_ = matrix.is_shared();
   if (is_dense_) {
-    factor_ = matrix.dense();
+    const Eigen::MatrixXd& dense = matrix.dense();  // of which the lower triangle counts
+    factor_.resize(dense.rows(), dense.cols());
+    for (Eigen::Index c = 0; c < dense.cols(); ++c)
+      std::copy_n(&dense(c, c), dense.rows() - c, &factor_(c, c));
     if (!lanes_v0_1::factorize(lanes_v0_1::SymmetricMatrix<double>{factor_.data(), factor_.rows()}))
       return false;
     for (int c = 0; c < matrix.rows(); ++c) {
