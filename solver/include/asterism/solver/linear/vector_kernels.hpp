@@ -21,16 +21,16 @@ struct Columns {
 /// The last step of a descent and the change of its metric's, as two of the columns, and the products of all
 /// columns with the gradient there.
 struct DescentPair {
-  Columns columns;
+  Columns columns;      ///< all of them
   double* step_column;  ///< one of the columns, which becomes step * direction; null to leave all as they are
-  double* change_column;  ///< another one, which becomes descent_before - descent
-  double step;
-  const double* direction;  ///< `size` numbers, as all that follow
-  const double* descent;
-  const double* descent_before;
-  const double* gradient;
-  const double* gradient_before;
-  double* products;  ///< `count` numbers
+  double* change_column;          ///< another one, which becomes descent_before - descent
+  double step;                    ///< how many times the direction the step was
+  const double* direction;        ///< `size` numbers, as all that follow
+  const double* descent;          ///< -M^-1 g after the step, for the metric M
+  const double* descent_before;   ///< and before it
+  const double* gradient;         ///< g after the step
+  const double* gradient_before;  ///< and before it
+  double* products;               ///< `count` numbers
 };
 
 /// Writes the two columns and the products. The product of the change with `gradient_before`, or 0.
