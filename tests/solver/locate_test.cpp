@@ -227,6 +227,16 @@ INSTANTIATE_TEST_SUITE_P(Kinds, Locate,
                                            Case{kFlat, 0.2, 3}, Case{kUnrelated, 0.5, 3}));
 
 // Ranges that have nothing to do with each other: each two meet somewhere, and no place fits better.
+// Counted, as a time would depend on the machine: where bounds are lost, a search still ends, after
+// thousands.
+TEST(Locate, TakesTensOfCellsWithoutACutoff) {
+  Rng rng(11);
+  double cells = 0;
+  constexpr int kFixes = 500;
+  for (int n = 0; n < kFixes; ++n) cells += random_problem<3>(rng, kScattered, 0.1, 4).solve().cells;
+  EXPECT_LT(cells / kFixes, 100);
+}
+
 TEST(Locate, ListsTheLowestMinimaWhereThereAreTooMany) {
   Rng rng(3);
   int cut = 0;

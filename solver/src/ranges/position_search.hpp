@@ -792,6 +792,8 @@ bool PositionSearch<D>::prepare(Judged& judged, int first) {
   if (judged.undecided > 0 && judged.undecided <= kMostUndecided && energy(cell.centre) < best_)
     add_from(cell.centre);
   judged.first = first;
+  // Without a cutoff there are none, which would each add an infinity.
+  const auto of_outliers = [this](int count) { return count == 0 ? 0 : count * outlier_; };
   const auto take_lane = [&](double constant, bool is_partial) {
     const int lane = first + judged.sets++;
     of_outliers_[lane] = constant;
@@ -805,7 +807,7 @@ bool PositionSearch<D>::prepare(Judged& judged, int first) {
   };
   if (judged.undecided <= kMostUndecided) {
     double least_of[1 << kMostUndecided];  // of the energy, by set
-    least_of[0] = outliers + inliers + judged.undecided * outlier_;
+    least_of[0] = outliers + inliers + of_outliers(judged.undecided);
     for (unsigned set = 1; set < 1U << judged.undecided; ++set)
       least_of[set] = least_of[set & (set - 1)] + bound_of[std::countr_zero(set)] - outlier_;
     for (int set = (1 << judged.undecided) - 1; set >= 0; --set) {
@@ -816,7 +818,7 @@ bool PositionSearch<D>::prepare(Judged& judged, int first) {
         judged.is_partial = true;
         break;
       }
-      const int lane = take_lane(outliers + (judged.undecided - count) * outlier_, false);
+      const int lane = take_lane(outliers + of_outliers(judged.undecided - count), false);
       std::uint64_t& of_set = judged.inliers_of[judged.sets - 1] = 0;
       if (lane > first)
         for (int i = 0; i < given_.count; ++i)
