@@ -7,7 +7,8 @@
 #include <asterism/testing/random_system.hpp>
 #include <cstdint>
 #include <limits>
-#include <vector>
+
+#include "listed_links.hpp"
 
 namespace asterism {
 namespace {
@@ -16,15 +17,7 @@ template <typename System>
 void expect_same(const System& full, const typename System::Points& x) {
   using Points = typename System::Points;
   using Scalar = typename System::Scalar;
-  const std::vector<Link> links(full.links().begin(), full.links().end());
-  System listed(System::TopologyType::from_links(full.nodes(), links));
-  listed.anchors = full.anchors;
-  listed.anchor_stiffness = full.anchor_stiffness;
-  listed.rest_length = full.rest_length;
-  listed.link_stiffness = full.link_stiffness;
-  for (int i = 0; i < full.nodes(); ++i) {
-    if (full.is_fixed(i)) listed.fix(i);
-  }
+  const System listed = testing::with_listed_links(full);
   ASSERT_FALSE(detail::SpringRows<System>::serve(listed));
   Points gradient;
   Points expected;

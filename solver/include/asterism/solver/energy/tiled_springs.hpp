@@ -4,9 +4,9 @@
 #include <array>
 #include <asterism/solver/base/config.hpp>
 #include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/energy/full_springs.hpp>
 #include <asterism/solver/energy/newton_kernels.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
-#include <asterism/solver/problem/model.hpp>
 #include <cstddef>
 #include <type_traits>
 #include <vector>
@@ -23,9 +23,7 @@ class TiledSprings {
   using Points = typename System::Points;
 
   /// Whether systems of this type can be served.
-  static constexpr bool kServes = (System::kDim == 2 || System::kDim == 3) &&
-                                  std::is_same_v<typename System::Scalar, double> &&
-                                  std::is_same_v<typename System::Model::LinkPotential, Hooke>;
+  static constexpr bool kServes = FullSprings<System>::kServes;
 
   /// Whether the system can be served.
   static bool serve(const System& system) {
