@@ -7,7 +7,7 @@
 #define ASTERISM_COMPILE_FACTORS(Scalar)                                                               \
   template <>                                                                                          \
   bool DenseFactor<Scalar>::factorize(Scalar* matrix, Eigen::Index n) {                                \
-    return lanes_v0_1::factorize(lanes_v0_1::SymmetricMatrix<Scalar>{matrix, n});                      \
+    return lanes_v0_1::factorize(lanes_v0_1::SymmetricMatrix<Scalar>{matrix, n, n}) == n;              \
   }                                                                                                    \
   template <>                                                                                          \
   void DenseFactor<Scalar>::solve(const Scalar* factor, const Scalar* inverse_pivots, Eigen::Index n,  \

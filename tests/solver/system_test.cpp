@@ -855,6 +855,72 @@ TEST(SystemSolution, CovarianceIsTheInverseOfTheHessian) {
   }
 }
 
+// Links at rest between n nodes in a random order, so that the matrix of the anchors' minimum is positive
+// definite; `shape` says which.
+System at_rest(Rng& rng, int dim, int n, const std::string& shape, MatrixXd& x) {
+  std::vector<int> order(static_cast<std::size_t>(n));
+  std::iota(order.begin(), order.end(), 0);
+  for (int i = n; i-- > 1;)
+    std::swap(order[static_cast<std::size_t>(i)], order[static_cast<std::size_t>(rng.uniform(0, i + 1))]);
+  std::vector<std::pair<int, int>> pairs;
+  const auto link = [&](int a, int b) {
+    if (a >= 0 && a != b)
+      pairs.emplace_back(order[static_cast<std::size_t>(a)], order[static_cast<std::size_t>(b)]);
+  };
+  const int side = static_cast<int>(std::sqrt(n));
+  for (int i = 1; i < n; ++i) {
+    if (shape == "chain") link(i - 1, i);
+    if (shape == "star") link(0, i);
+    if (shape == "tree") link((i - 1) / 2, i);
+    if (shape == "two chains") link(i - 2, i);
+    if (shape == "grid" && i % side > 0) link(i - 1, i);
+    if (shape == "grid") link(i - side, i);
+    if (shape == "random") link(static_cast<int>(rng.uniform(0, i)), i);
+    if (shape == "random" && i % 3 > 0) link(static_cast<int>(rng.uniform(0, i)), i);
+  }
+  x = random_points(rng, dim, n);
+  System system(n, dim);
+  system.add_anchors(x, System::all(0.5));
+  Eigen::Matrix2Xi nodes(2, static_cast<Eigen::Index>(pairs.size()));
+  Eigen::VectorXd lengths(nodes.cols());
+  for (Eigen::Index l = 0; const auto& [a, b] : pairs) {
+    nodes.col(l) << a, b;
+    lengths[l++] = (x.col(a) - x.col(b)).norm();
+  }
+  system.add_links(nodes, lengths, System::all(3));
+  return system;
+}
+
+// Factors of sparse matrices, of a few rows to some hundred, against those of dense ones.
+TEST(SystemSolution, SparseFactorsOfAllShapes) {
+  for (const std::string shape : {"none", "chain", "star", "tree", "two chains", "grid", "random"}) {
+    for (const int dim : {1, 2, 3, 4}) {
+      for (const int n : {1, 2, 3, 5, 9, 16, 90}) {
+        SCOPED_TRACE(::testing::Message() << shape << ", " << dim << "-D, " << n << " nodes");
+        Rng rng(static_cast<std::uint64_t>(100 * dim + n));
+        MatrixXd x;
+        System system = at_rest(rng, dim, n, shape, x);
+        const bool has_fixed = n > 2 && dim % 2 == 0;
+        if (has_fixed) system.fix(n / 2);
+        const Solution solution(system, x);
+        ASSERT_TRUE(solution) << solution.problem();
+        const MatrixXd H = hessian(system, x);
+        MatrixXd inverse = testing::inverse(H);
+        if (has_fixed) inverse.middleRows(dim * (n / 2), dim).setZero();
+        const MatrixXd blocks = solution.covariances();
+        EXPECT_LE((solution.joint_covariance() - inverse).norm(), 1e-11 * inverse.norm());
+        for (int i = 0; i < n; ++i) {
+          const auto block = inverse.block(dim * i, dim * i, dim, dim);
+          EXPECT_LE((blocks.middleCols(dim * i, dim) - block).norm(), 1e-11 * inverse.norm());
+        }
+        EXPECT_NEAR(solution.log_determinant(),
+                    2 * Eigen::LLT<MatrixXd>(H).matrixL().toDenseMatrix().diagonal().array().log().sum(),
+                    1e-10 * dim * n);
+      }
+    }
+  }
+}
+
 // Two parts that turn about each other freely, and a system without anchors.
 TEST(SystemSolution, FreeMotionsHaveNoCovariance) {
   System system(2, 2);

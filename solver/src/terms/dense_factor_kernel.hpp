@@ -17,75 +17,87 @@ class Cholesky {
   static constexpr int kPanel = 64;                                 // columns that stay in the cache
 
  public:
-  explicit Cholesky(const SymmetricMatrix<T>& matrix) : matrix_(matrix.data), n_(matrix.n) {}
+  explicit Cholesky(const SymmetricMatrix<T>& matrix)
+      : matrix_(matrix.data), n_(matrix.n), columns_(matrix.columns) {}
 
-  bool factorize() {
-    for (Index first = 0; first < n_; first += kPanel) {
-      const Index last = least(n_, first + kPanel);
+  Index factorize() {
+    for (Index first = 0; first < columns_; first += kPanel) {
+      const Index last = least(columns_, first + kPanel);
       for (Index c = first; c < last; c += kColumns) {
-        subtract(first, c, c);
-        if (!factorize_columns(c)) return false;
+        subtract(first, c, c, last);
+        const Index done = factorize_columns(c, last);
+        if (done < least(kColumns, last - c)) return c + done;
       }
-      for (Index c = last; c < n_; c += kColumns) subtract(first, last, c);
+      for (Index c = last; c < n_; c += kColumns) subtract(first, last, c, n_);
     }
-    return true;
+    return columns_;
   }
 
  private:
   ASTERISM_INLINE Index least(Index a, Index b) { return a < b ? a : b; }
   T* at(Index row, Index column) const { return matrix_ + column * n_ + row; }
 
-  // The product of columns first to last - 1 of L with their transpose, from the columns from c on.
-  void subtract(Index first, Index last, Index c) const {
+  // The product of columns first to last - 1 of L with their transpose, from kColumns columns from c on, or
+  // as many as there are before `end`.
+  void subtract(Index first, Index last, Index c, Index end) const {
     if (first == last) return;
-    Index i = c;
-    tile<false>(first, last, i, c, true);
-    for (i += kRows; i + kRows <= n_; i += kRows) tile<true>(first, last, i, c, false);
-    if (i < n_) tile<false>(first, last, i, c, false);
+    if (end - c >= kColumns) {
+      subtract_tiles<true>(first, last, c, kColumns);
+    } else {
+      subtract_tiles<false>(first, last, c, end - c);
+    }
   }
 
-  // The same for kRows rows from i on; kWhole: all of them, in kColumns columns, are in the matrix.
-  template <bool kWhole>
-  [[gnu::always_inline]] inline void tile(Index first, Index last, Index i, Index c, bool is_diagonal) const {
+  template <bool kAllColumns>
+  void subtract_tiles(Index first, Index last, Index c, Index columns) const {
+    Index i = c;
+    tile<kAllColumns, false>(first, last, i, c, columns, true);
+    for (i += kRows; i + kRows <= n_; i += kRows) tile<kAllColumns, true>(first, last, i, c, columns, false);
+    if (i < n_) tile<kAllColumns, false>(first, last, i, c, columns, false);
+  }
+
+  // The same for kRows rows from i on, of which kAllRows are in the matrix, and so many columns.
+  template <bool kAllColumns, bool kAllRows>
+  [[gnu::always_inline]] inline void tile(Index first, Index last, Index i, Index c, Index columns,
+                                          bool is_diagonal) const {
     const Index rows = n_ - i;
     const auto low = lanes_between<L>(0, rows), high = lanes_between<L>(0, rows - kLanes);
     V sums[kColumns][2];
     for (auto& sum : sums) sum[0] = sum[1] = L::set(0);
     for (Index k = first; k < last; ++k) {
       const T* const row = at(i, k);
-      const V lower = kWhole ? L::load(row) : L::load(row, low);
-      const V upper = kWhole ? L::load(row + kLanes) : L::load(row + kLanes, high);
+      const V lower = kAllRows ? L::load(row) : L::load(row, low);
+      const V upper = kAllRows ? L::load(row + kLanes) : L::load(row + kLanes, high);
       const T* const of = at(c, k);
       for (int s = 0; s < kColumns; ++s) {
+        if (!kAllColumns && s >= columns) break;
         const V factor = L::set(of[s]);
         sums[s][0] = L::fma(factor, lower, sums[s][0]);
         sums[s][1] = L::fma(factor, upper, sums[s][1]);
       }
     }
-    if (kWhole) {
-      for (int s = 0; s < kColumns && c + s < n_; ++s) {
-        T* const to = at(i, c + s);
+    for (int s = 0; s < columns; ++s) {
+      T* const to = at(i, c + s);
+      if (kAllRows) {
         L::store(to, L::load(to) - sums[s][0]);
         L::store(to + kLanes, L::load(to + kLanes) - sums[s][1]);
+        continue;
       }
-      return;
-    }
-    for (int s = 0; s < kColumns && c + s < n_; ++s) {
       T values[kRows];
       L::store(values, sums[s][0]);
       L::store(values + kLanes, sums[s][1]);
-      T* const to = at(i, c + s);
       for (Index r = is_diagonal ? s : 0; r < least(rows, kRows); ++r) to[r] -= values[r];
     }
   }
 
-  // kColumns columns from c on, or as many as there are, from which all before are subtracted.
-  bool factorize_columns(Index c) const {
-    const int columns = static_cast<int>(least(kColumns, n_ - c));
+  // kColumns columns from c on, or as many as there are before `end`, from which all before are subtracted.
+  // Returns how many of them have positive pivots before the first one that has not.
+  Index factorize_columns(Index c, Index end) const {
+    const int columns = static_cast<int>(least(kColumns, end - c));
     T inverse[kColumns] = {}, factors[kColumns][kColumns] = {};
     for (int s = 0; s < columns; ++s) {
       T* const pivot = at(c + s, c + s);
-      if (!(*pivot > 0)) return false;
+      if (!(*pivot > 0)) return s;
       *pivot = root(*pivot);
       inverse[s] = 1 / *pivot;
       for (int r = s + 1; r < columns; ++r) {
@@ -93,12 +105,13 @@ class Cholesky {
         for (int q = s + 1; q <= r; ++q) *at(c + r, c + q) -= factors[r][s] * factors[q][s];
       }
     }
-    if (columns < kColumns) return true;
-    for (Index i = c + kColumns; i < n_; i += kLanes) {
+    for (Index i = c + columns; i < n_; i += kLanes) {
       const bool is_whole = i + kLanes <= n_;
       const auto rows = lanes_between<L>(0, n_ - i);
       V x[kColumns];
+#pragma GCC unroll 8
       for (int s = 0; s < kColumns; ++s) {
+        if (s >= columns) break;
         V value = is_whole ? L::load(at(i, c + s)) : L::load(at(i, c + s), rows);
         for (int q = 0; q < s; ++q) value = L::fnma(L::set(factors[s][q]), x[q], value);
         x[s] = value * L::set(inverse[s]);
@@ -109,7 +122,7 @@ class Cholesky {
         }
       }
     }
-    return true;
+    return columns;
   }
 
   ASTERISM_INLINE T root(T a) {
@@ -121,7 +134,7 @@ class Cholesky {
   }
 
   T* matrix_;
-  Index n_;
+  Index n_, columns_;
 };
 
 // right <- (L L^T)^-1 right, four columns of L at a time.
@@ -316,10 +329,10 @@ void invert_all(const Inverse<typename L::T>& inverse) {
 void run_with_these_instructions(const Inverse<double>& inverse) { invert_all<DoubleLanes>(inverse); }
 void run_with_these_instructions(const Inverse<float>& inverse) { invert_all<FloatLanes>(inverse); }
 
-bool run_with_these_instructions(const SymmetricMatrix<double>& matrix) {
+std::ptrdiff_t run_with_these_instructions(const SymmetricMatrix<double>& matrix) {
   return Cholesky<DoubleLanes>(matrix).factorize();
 }
-bool run_with_these_instructions(const SymmetricMatrix<float>& matrix) {
+std::ptrdiff_t run_with_these_instructions(const SymmetricMatrix<float>& matrix) {
   return Cholesky<FloatLanes>(matrix).factorize();
 }
 

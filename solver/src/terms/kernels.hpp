@@ -36,12 +36,15 @@ template <typename T>
 struct SymmetricMatrix {
   T* data;
   std::ptrdiff_t n;
+  std::ptrdiff_t columns;  ///< the first ones, which are eliminated
 };
 
-/// The lower triangle becomes L of L L^T (Cholesky); the upper one stays. False where the matrix is not
-/// positive definite.
-ASTERISM_API bool factorize(const SymmetricMatrix<double>& matrix);
-ASTERISM_API bool factorize(const SymmetricMatrix<float>& matrix);
+/// The first columns of the lower triangle become those of L of L L^T (Cholesky), and the other ones what is
+/// left of the matrix, their Schur complement; the upper triangle stays. Returns the number of columns, or of
+/// those before the first pivot that is not positive; this one, and what is above and left of it, are as if
+/// it were the last.
+ASTERISM_API std::ptrdiff_t factorize(const SymmetricMatrix<double>& matrix);
+ASTERISM_API std::ptrdiff_t factorize(const SymmetricMatrix<float>& matrix);
 
 /// Right-hand sides of systems of equations with L L^T.
 template <typename T>

@@ -308,7 +308,7 @@ void SystemFactor::analyze(const SystemMatrix& matrix) {
   if (other_) {
     other_->analyze(matrix.sparse());
   } else {
-    cholesky_.analyze(matrix.sparse());
+    sparse_.analyze(matrix.sparse(), matrix.nodes(), matrix.per_node());
   }
   analyzed_ = &matrix;
   pattern_ = matrix.pattern();
@@ -318,14 +318,10 @@ bool SystemFactor::is_thin(const SystemMatrix& matrix) {
   constexpr double kMost = 50;  // multiplications for each row; 10 for a chain, 150 for six neighbours
   if (matrix.is_dense() || other_) return false;
   analyze(matrix);
-  return cholesky_.multiplications() <= kMost * matrix.rows();
+  return sparse_.multiplications() <= kMost * matrix.rows();
 }
 
 bool SystemFactor::factorize(const SystemMatrix& matrix) {
-  constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();
-  const auto is_positive = [&matrix](double pivot, int row) {
-    return pivot > kRounding * matrix.diagonal(row) && pivot > 0 && detail::is_finite(pivot);
-  };
   rows_ = matrix.rows();
   is_dense_ = matrix.is_dense();
   is_shared_ = matrix.is_shared();
@@ -334,24 +330,16 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
     factor_.resize(dense.rows(), dense.cols());
     for (Eigen::Index c = 0; c < dense.cols(); ++c)
       std::copy_n(&dense(c, c), dense.rows() - c, &factor_(c, c));
-    if (!lanes_v0_1::factorize(lanes_v0_1::SymmetricMatrix<double>{factor_.data(), factor_.rows()}))
+    if (lanes_v0_1::factorize(lanes_v0_1::SymmetricMatrix<double>{factor_.data(), rows_, rows_}) < rows_)
       return false;
     for (int c = 0; c < matrix.rows(); ++c) {
-      if (!is_positive(factor_(c, c) * factor_(c, c), c)) return false;
+      if (!is_pivot(factor_(c, c) * factor_(c, c), matrix.diagonal(c))) return false;
     }
     inverse_pivots_ = factor_.diagonal().cwiseInverse();
     return true;
   }
   analyze(matrix);
-  if (other_) return other_->factorize(matrix.sparse());
-  cholesky_.factorize(matrix.sparse());
-  if (cholesky_.info() != Eigen::Success) return false;
-  const Eigen::VectorXd& pivots = cholesky_.vectorD();
-  const auto& place = cholesky_.permutationP().indices();
-  for (int c = 0; c < matrix.rows(); ++c) {
-    if (!is_positive(pivots[place[c]], c)) return false;
-  }
-  return true;
+  return other_ ? other_->factorize(matrix.sparse()) : sparse_.factorize(matrix.sparse());
 }
 
 void SystemFactor::solve_dense(Eigen::MatrixXd& right) const {
@@ -361,7 +349,7 @@ void SystemFactor::solve_dense(Eigen::MatrixXd& right) const {
 
 Eigen::MatrixXd SystemFactor::solve_all(Eigen::MatrixXd right) const {
   if (!is_dense_ && other_) return other_->solve(right);
-  if (!is_dense_) return cholesky_.solve(right);
+  if (!is_dense_) return sparse_.solve(right);
   solve_dense(right);
   return right;
 }
@@ -404,32 +392,12 @@ Eigen::VectorXd negative_direction_of(Eigen::MatrixXd a) {
   return v;
 }
 
-// The same of a sparse matrix, whose diagonal is raised by a small share where a pivot is 0, as it often is
-// where motions are free.
-Eigen::VectorXd negative_direction_of(SystemMatrix::Sparse a) {
-  SparseFactor<double> factor;
-  factor.analyze(a);
-  factor.factorize(a);
-  if (factor.info() != Eigen::Success) {
-    const double share = std::sqrt(std::numeric_limits<double>::epsilon());
-    for (int c = 0; c < a.cols(); ++c) {
-      double& pivot = a.valuePtr()[a.outerIndexPtr()[c]];
-      pivot += share * std::abs(pivot);
-    }
-    factor.factorize(a);
-  }
-  Eigen::VectorXd v;
-  return factor.negative_curvature(v) < 0 ? v : Eigen::VectorXd();
-}
-
 }  // namespace
 
-Eigen::VectorXd SystemFactor::negative_direction(const SystemMatrix& matrix) const {
+Eigen::VectorXd SystemFactor::negative_direction(const SystemMatrix& matrix) {
   if (is_dense_) return negative_direction_of(matrix.dense());
-  // Another package's may have stopped at the first pivot that is not positive.
-  if (other_ || cholesky_.info() != Eigen::Success) return negative_direction_of(matrix.sparse());
-  Eigen::VectorXd v;
-  return cholesky_.negative_curvature(v) < 0 ? v : Eigen::VectorXd();
+  if (other_) sparse_.analyze(matrix.sparse(), matrix.nodes(), matrix.per_node());
+  return sparse_.negative_direction(matrix.sparse());
 }
 
 Eigen::VectorXd SystemFactor::diagonal_of_inverse() const {
@@ -441,7 +409,7 @@ Eigen::VectorXd SystemFactor::diagonal_of_inverse() const {
 
 double SystemFactor::log_determinant() const {
   if (is_dense_) return 2 * factor_.diagonal().array().log().sum();
-  return cholesky_.vectorD().array().log().sum();
+  return sparse_.log_determinant();
 }
 
 }  // namespace detail

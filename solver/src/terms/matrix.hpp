@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/SparseCore>
-#include <asterism/solver/matrix/sparse_factor.hpp>
 #include <asterism/solver/terms/registry.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <cstddef>
@@ -9,6 +8,8 @@
 #include <string>
 #include <utility>
 #include <vector>
+
+#include "multifrontal.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -34,6 +35,8 @@ class SystemMatrix final : public CurvatureSink {
 
   void assemble(const System& system, const Eigen::MatrixXd& x, Curvature curvature);
   int rows() const { return size_; }
+  int nodes() const { return nodes_; }
+  int per_node() const { return per_node_; }  ///< rows
   /// Whether one row stands for all coordinates of a node.
   bool is_shared() const { return is_shared_; }
   bool is_dense() const { return is_dense_; }
@@ -110,14 +113,14 @@ class SystemFactor {
   Eigen::MatrixXd solve(const Eigen::MatrixXd& points) const;
   /// The same for a vector or several over all unknowns.
   Eigen::MatrixXd solve_all(Eigen::MatrixXd right) const;
-  /// A direction of negative curvature of the matrix that was factored last, over all unknowns, from a
-  /// negative pivot; a vector without entries where there is none.
-  Eigen::VectorXd negative_direction(const SystemMatrix& matrix) const;
+  /// A direction of negative curvature of the matrix, over all unknowns, from a negative pivot; a vector
+  /// without entries where there is none. There is no factor afterwards.
+  Eigen::VectorXd negative_direction(const SystemMatrix& matrix);
   double log_determinant() const;
   /// The diagonal of the inverse of a dense matrix.
   Eigen::VectorXd diagonal_of_inverse() const;
   /// Of a sparse matrix, without another package.
-  const SparseFactor<double>& cholesky() const { return cholesky_; }
+  const MultifrontalFactor& sparse() const { return sparse_; }
   /// Whether the factor of the matrix has so few entries that a factorisation costs about as much as some
   /// evaluations: that of a chain.
   bool is_thin(const SystemMatrix& matrix);
@@ -130,8 +133,8 @@ class SystemFactor {
   bool is_dense_ = false, is_shared_ = false;
   Eigen::MatrixXd factor_;          // of a dense matrix: L in the lower triangle
   Eigen::VectorXd inverse_pivots_;  // 1 / its diagonal
-  SparseFactor<double> cholesky_;
-  std::unique_ptr<SparseFactorization> other_;  // in place of cholesky_
+  MultifrontalFactor sparse_;
+  std::unique_ptr<SparseFactorization> other_;  // in place of sparse_
   int pattern_ = -1;
   const SystemMatrix* analyzed_ = nullptr;
 };

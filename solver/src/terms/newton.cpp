@@ -179,7 +179,7 @@ class NewtonSolve {
   // Repaired steps before a direction of negative curvature is taken: they creep towards saddles. Chosen from
   // 4, 8, 16, 32 and none on 1440 collinear starts; on 2880 others it takes .4 times the iterations of none.
   static constexpr int kPatience = 4;
-  static constexpr int kTurn = 100;  // iterations of a turn at least, about the cost of a factorisation
+  static constexpr int kTurn = 100;  // iterations of a turn at least
   static constexpr int kLongestTurn = 1 << 20;
 
   // Whether anchors hold on to the nodes by less than a tenth of what the other terms hold: they leave a

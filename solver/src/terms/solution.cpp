@@ -122,9 +122,11 @@ Eigen::MatrixXd Solution::covariance(int node) const {
 Eigen::MatrixXd Solution::covariances() const {
   const Factored& f = factored();
   const int dim = f.system.dim(), n = f.system.nodes();
-  const auto& cholesky = f.factor.cholesky();
-  const detail::SelectedInverse<double> inverse(cholesky.matrixL().nestedExpression(), cholesky.vectorD());
-  const auto& place = cholesky.permutationP().indices();
+  detail::SystemMatrix::Sparse lower;
+  Eigen::VectorXd pivots;
+  f.factor.sparse().get_columns(lower, pivots);
+  const detail::SelectedInverse<double> inverse(lower, pivots);
+  const auto& place = f.factor.sparse().place();
   Eigen::MatrixXd blocks = Eigen::MatrixXd::Zero(dim, dim * n);
   for (int i = 0; i < n; ++i) {
     if (f.system.is_fixed(i)) continue;
@@ -203,9 +205,11 @@ bool SystemProver::is_of_fixed(Eigen::Index row) const {
 
 Eigen::VectorXd SystemProver::diagonal_of_inverse() const {
   if (matrix_.is_dense()) return factor_.diagonal_of_inverse();
-  const auto& cholesky = factor_.cholesky();
-  const SelectedInverse<double> inverse(cholesky.matrixL().nestedExpression(), cholesky.vectorD());
-  const auto& place = cholesky.permutationP().indices();
+  SystemMatrix::Sparse lower;
+  Eigen::VectorXd pivots;
+  factor_.sparse().get_columns(lower, pivots);
+  const SelectedInverse<double> inverse(lower, pivots);
+  const auto& place = factor_.sparse().place();
   Eigen::VectorXd result(matrix_.rows());
   for (int r = 0; r < matrix_.rows(); ++r) result[r] = inverse(place[r], place[r]);
   return result;
