@@ -16,6 +16,10 @@
 #include "measure.hpp"
 #include "to_gap.hpp"
 
+#ifdef ASTERISM_BENCH_CHOLMOD
+#include <asterism/solver/method/cholmod.hpp>
+#endif
+
 namespace asterism::bench {
 
 namespace {
@@ -68,6 +72,28 @@ double cloth_seconds() {
   }
   return slowest;
 }
+
+#ifdef ASTERISM_BENCH_CHOLMOD
+// CPU seconds of Newton of terms with the library's factors and with CHOLMOD's, for nodes in space that are
+// linked to their six nearest, on weak anchors: medians.
+std::pair<double, double> seconds_by_factor() {
+  using Space = SpringSystem<double, 3>;
+  std::vector<double> seconds[2];
+  for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+    auto [system, start] = testing::sparse_system<Space>(seed, 4000);
+    system.anchor_stiffness *= 0.01;
+    AnySolver<Space> own = system_solver<Space>("newton");
+    AnySolver<Space> cholmod(newton_by_cholmod(), detail::FromSprings<Space>());
+    for (AnySolver<Space>* const solver : {&own, &cholmod}) {
+      Space::Points x = start;
+      const double before = cpu_seconds();
+      solver->solve(system, x);
+      seconds[solver == &own ? 0 : 1].push_back(cpu_seconds() - before);
+    }
+  }
+  return {median(seconds[0]), median(seconds[1])};
+}
+#endif
 
 // Seconds on the clock to stationarity 1e-6 by so many threads; infinity if that is not reached.
 double seconds_of_threads(const Problem& problem, int threads) {
@@ -140,6 +166,12 @@ void sparse_bars(Bars& bars) {
                  times_to_gap("schwarz-direct", weak).median_seconds, 0.76, 0.38);
   }
   if (bars.large()) ten_million_nodes(bars);
+#ifdef ASTERISM_BENCH_CHOLMOD
+  if (!bars.quick()) {
+    const auto [own, cholmod] = seconds_by_factor();
+    bars.times_faster("N=4000 in space, anchors x 1e-2, newton-sparse against CHOLMOD", own, cholmod, 1, 2);
+  }
+#endif
   bars.at_most("cloths of 60 x 60 nodes in space, newton-sparse, slowest", "%.3g s", cloth_seconds(), 1, 0.5);
 }
 

@@ -299,7 +299,8 @@ bool MultifrontalFactor::factorize(const Sparse& lower) {
     for (std::ptrdiff_t c = 0; c < s.columns; ++c) {
       const double root = front[c * (n + 1)], pivot = c < done ? root * root : root;
       if (is_pivot(pivot, diagonal[c])) continue;
-      refused_ = {static_cast<std::size_t>(&s - supernodes_.data()), static_cast<int>(c), pivot};
+      refused_ = {static_cast<std::size_t>(&s - supernodes_.data()), static_cast<int>(c),
+                  pivot < -kPivotRounding * std::abs(diagonal[c])};
       return false;
     }
     std::copy_n(front, n * s.columns, values_.data() + s.values);
@@ -358,14 +359,14 @@ Eigen::MatrixXd MultifrontalFactor::solve(const Eigen::MatrixXd& right) const {
 
 Eigen::VectorXd MultifrontalFactor::negative_direction(Sparse lower) {
   if (factorize(lower)) return {};
-  if (!(refused_.pivot < 0)) {
+  if (!refused_.is_negative) {
     // A pivot is often 0 where motions are free: with a slightly larger diagonal, negative ones still are.
     const double share = std::sqrt(std::numeric_limits<double>::epsilon());
     for (Eigen::Index c = 0; c < lower.cols(); ++c) {
       double& diagonal = lower.valuePtr()[lower.outerIndexPtr()[c]];
       diagonal += share * std::abs(diagonal);
     }
-    if (factorize(lower) || !(refused_.pivot < 0)) return {};
+    if (factorize(lower) || !refused_.is_negative) return {};
   }
   // The leading block A of the matrix that ends with this pivot d has A = L diag(1, .., 1, d) L^T, with a row
   // l^T of L and a 1 below the factor so far: L^T v = e has v^T A v = d.

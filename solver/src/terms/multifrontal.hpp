@@ -13,9 +13,12 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// Whether a pivot is positive, and not mere rounding beside the diagonal from which it comes.
+/// Of a pivot beside the diagonal from which it comes.
+inline constexpr double kPivotRounding = 64 * std::numeric_limits<double>::epsilon();
+
+/// Whether a pivot is positive, and not mere rounding.
 inline bool is_pivot(double pivot, double diagonal) {
-  return pivot > 64 * std::numeric_limits<double>::epsilon() * diagonal && pivot > 0 && is_finite(pivot);
+  return pivot > kPivotRounding * diagonal && pivot > 0 && is_finite(pivot);
 }
 
 /// L L^T of sparse symmetric matrices by the multifrontal method (Duff and Reid 1983; Liu 1992). Columns of L
@@ -88,8 +91,8 @@ class MultifrontalFactor {
   struct {
     std::size_t supernode;
     int column;
-    double pivot;
-  } refused_{};  // the pivot that ended the last factorisation, which front_ shows
+    bool is_negative;  // by more than rounding
+  } refused_{};        // the pivot that ended the last factorisation, which front_ shows
 };
 
 }  // namespace detail
