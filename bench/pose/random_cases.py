@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """asterism.pose.fuse beside simple methods on random recordings of a known truth, of every size and kind.
 
-random_cases.py [--seeds A B] [--show]: one line a case in which fuse is clearly worse than the best of the simple methods, raises, gives NaN, or
+random_cases.py [--seeds A B] [--stream]: one line a case in which fuse is clearly worse than the best of the simple methods, raises, gives NaN, or
 takes long; then a table of the kinds of motion: errors beside those of the best simple method, and how often the 95 % regions contain the truth.
+--stream: instead, the newest points of a Stream, whose scales are those of fuse of the same recording, beside those of this fuse.
 """
 
 import argparse
+import dataclasses
 import time
 import warnings
 
@@ -168,11 +170,38 @@ def measures(path, case):
     return (np.median(error), np.quantile(error, 0.9)) if len(error) else (0.0, 0.0)
 
 
+def stream(seeds):
+    """Cases of ten frames and more."""
+    rows = {}
+    for seed in seeds:
+        case = Case(seed)
+        if case.frames < 10 or (case.number.sum(0) == 0).any():
+            continue
+        fused = pose.fuse(case.detections, case.confidence, case.cameras, times=case.times)
+        online = pose.Stream(fused, case.cameras)
+        found = [
+            online.push(case.detections[:, t], None if case.times is None else case.times[t], None if case.confidence is None else case.confidence[:, t])
+            for t in range(case.frames)
+        ]
+        newest = dataclasses.replace(fused, points=np.array([f.points for f in found]), covariance=np.array([f.covariance for f in found]))
+        if not (np.isfinite(newest.points).all() and (np.linalg.eigvalsh(newest.covariance)[..., 0] > 0).all()):
+            print(f"seed {seed}: {case}: NaN, or a covariance that is not definite", flush=True)
+        ratios = [max(a, 1e-3 * case.ideal) / max(b, 1e-3 * case.ideal) for a, b in zip(measures(newest.points, case), measures(fused.points, case))]
+        for key in ("all", case.kind, f"{case.views} views {case.dim}-D", f"{case.wrong:g} wrong"):
+            rows.setdefault(key, []).append((*ratios, contained(newest, case.truth).mean()))
+    for key, row in sorted(rows.items()):
+        row = np.array(row)
+        errors = np.exp(np.log(row[:, :2]).mean(0))
+        print(f"{key:16} {len(row):4} cases: median error {errors[0]:.2f} of fuse's, 90 % error {errors[1]:.2f}; regions contain {row[:, 2].mean():.3f}, of the worst tenth {np.quantile(row[:, 2], 0.1):.3f}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 200))
-    parser.add_argument("--show", action="store_true")
+    parser.add_argument("--stream", action="store_true")
     options = parser.parse_args()
+    if options.stream:
+        return stream(range(*options.seeds))
     groups, flags = {}, 0
     for seed in range(*options.seeds):
         case = Case(seed)

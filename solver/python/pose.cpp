@@ -214,9 +214,8 @@ Floats sights(const Floats& pixels, const Floats& matrices, const Floats& distor
 class PoseWindow {
  public:
   PoseWindow(int frames, const py::tuple& scales, const Floats& cameras, const Floats& matrices,
-             const Floats& distortions, const Floats& area, const Floats& slope, const Floats& centre,
-             int lost)
-      : window_(setting(frames, scales, cameras, matrices, distortions, area, slope, centre, lost)) {}
+             const Floats& distortions, const Floats& area, const Floats& slope, const Floats& centre)
+      : window_(setting(frames, scales, cameras, matrices, distortions, area, slope, centre)) {}
 
   py::tuple push(const Floats& pixels, const Floats& belief, double time) {
     expect_shape(pixels, {views_, joints_, 2});
@@ -248,17 +247,18 @@ class PoseWindow {
  private:
   pose::Window::Setting setting(int frames, const py::tuple& scales, const Floats& cameras,
                                 const Floats& matrices, const Floats& distortions, const Floats& area,
-                                const Floats& slope, const Floats& centre, int lost) {
+                                const Floats& slope, const Floats& centre) {
     const auto numbers = [](const Floats& array) {
       return Numbers(array.data(), array.data() + array.size());
     };
     const auto noise = scales[0].cast<Floats>(), motion = scales[1].cast<Floats>();
-    const auto offset = scales[2].cast<Floats>();
+    const auto offset = scales[2].cast<Floats>(), jitter = scales[5].cast<Floats>();
     dim_ = cameras.size() == 0 ? 2 : 3;
     if (noise.ndim() != 2) throw py::value_error("noise: expected shape (views, joints)");
     views_ = noise.shape(0);
     joints_ = noise.shape(1);
     expect_shape(motion, {joints_});
+    expect_shape(jitter, {joints_});
     expect_shape(offset, {views_, joints_, 2});
     expect_shape(cameras, {dim_ == 2 ? 0 : views_, 12});
     expect_shape(matrices, {dim_ == 2 ? 0 : views_, 3, 3});
@@ -275,8 +275,8 @@ class PoseWindow {
             lenses(matrices, distortions),
             numbers(area),
             numbers(slope),
-            numbers(centre),
-            lost};
+            numbers(jitter),
+            numbers(centre)};
   }
 
   int dim_ = 0;
@@ -323,9 +323,9 @@ void bind_pose(py::module_& m) {
   m.def("_pose_lanes", &pose_kernels::limit_lanes, py::arg("most"));
   py::class_<PoseWindow>(m, "_PoseWindow", "The last frames, for asterism.pose.Stream.")
       .def(py::init<int, const py::tuple&, const Floats&, const Floats&, const Floats&, const Floats&,
-                    const Floats&, const Floats&, int>(),
+                    const Floats&, const Floats&>(),
            py::arg("frames"), py::arg("scales"), py::arg("cameras"), py::arg("matrices"),
-           py::arg("distortions"), py::arg("area"), py::arg("slope"), py::arg("centre"), py::arg("lost"))
+           py::arg("distortions"), py::arg("area"), py::arg("slope"), py::arg("centre"))
       .def("push", &PoseWindow::push, py::arg("pixels"), py::arg("belief"), py::arg("time"),
            "The points, covariance and outliers of the next frame.")
       .def_property_readonly("points", &PoseWindow::points, "The points of the window.")

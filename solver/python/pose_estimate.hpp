@@ -2,6 +2,7 @@
 
 // The estimate of asterism.pose.fuse from detections: scales, weights and points by expectation-maximisation.
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -343,8 +344,7 @@ class Estimator {
       const bool is_wide = width > target;
       if (!is_wide) set_prior(false);
       set_variance(width);
-      for (std::size_t g = 0; g < groups_.all.size(); ++g)
-        groups_.kernel.expect(groups_.all[g], false, &sums_[g]);
+      for (std::size_t g = 0; g < groups_.all.size(); ++g) groups_.kernel.expect(groups_.all[g], &sums_[g]);
       if (width < 4 * target) update_noise(smallest);
       if (width < 30 * target && views > 1) update_offsets();
       if (part_.frames > 2) update_motion(is_wide);
@@ -369,7 +369,10 @@ class Estimator {
     for_each_sum([&](const Sums& s, Index lane, Index v, Index) { sum += groups_.at(s.count, v, lane); });
     return sum;
   }
-  double log_evidence() { return groups_.log_evidence(); }
+  double log_evidence() {
+    const Numbers found = groups_.log_evidences();
+    return std::accumulate(found.begin(), found.end(), 0.0);
+  }
 
  private:
   using JointGroup = pose_kernels::JointGroup;
@@ -524,7 +527,7 @@ class Estimator {
     const double still = kStill * scales_.extent;
     Groups::Lane sum;
     for (std::size_t g = 0, k = 0; g < groups_.all.size(); ++g) {
-      groups_.kernel.settle(groups_.all[g], part_.frames - 2, sum.of);
+      groups_.kernel.settle(groups_.all[g], sum.of);
       for (int lane = 0; lane < groups_.kernel.lanes && k < scales_.motion.size(); ++lane, ++k) {
         if (is_wide) continue;
         double& motion = scales_.motion[k];

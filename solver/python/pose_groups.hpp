@@ -186,27 +186,31 @@ class Groups {
   /// The posterior of all groups. Returns the mean of the points' ways, as Kernels::posterior has them.
   double solve(bool along_ray) {
     double sum = 0;
-    Lane moved, failed;
-    for (Index first = 0; pose_kernels::JointGroup & g : all) {
-      kernel.posterior(g, along_ray, moved.of, failed.of);
-      check(failed, first);
-      for (int lane = 0; lane < kernel.lanes && first + lane < joints_; ++lane) sum += moved.of[lane];
-      first += kernel.lanes;
-    }
+    for (std::size_t group = 0; group < all.size(); ++group) sum += solve(group, along_ray);
     return sum / static_cast<double>(all.front().frames * joints_);
   }
 
-  /// The sum over the joints of Kernels::log_evidence; minus infinity if one fails.
-  double log_evidence() {
+  /// The posterior of one group. Returns the sum of its points' ways.
+  double solve(std::size_t group, bool along_ray) {
     double sum = 0;
-    Lane found, failed;
-    for (Index first = 0; pose_kernels::JointGroup & g : all) {
-      kernel.log_evidence(g, found.of, failed.of);
-      for (int lane = 0; lane < kernel.lanes && first + lane < joints_; ++lane)
-        sum += failed.of[lane] == 0 ? found.of[lane] : -std::numeric_limits<double>::infinity();
-      first += kernel.lanes;
-    }
+    Lane moved, failed;
+    const Index first = static_cast<Index>(group) * kernel.lanes;
+    kernel.posterior(all[group], along_ray, moved.of, failed.of);
+    check(failed, first);
+    for (int lane = 0; lane < kernel.lanes && first + lane < joints_; ++lane) sum += moved.of[lane];
     return sum;
+  }
+
+  /// Kernels::log_evidence of each joint; minus infinity if it fails.
+  Numbers log_evidences() {
+    Numbers result;
+    Lane found, failed;
+    for (pose_kernels::JointGroup& g : all) {
+      kernel.log_evidence(g, found.of, failed.of);
+      for (int lane = 0; lane < kernel.lanes && static_cast<Index>(result.size()) < joints_; ++lane)
+        result.push_back(failed.of[lane] == 0 ? found.of[lane] : -std::numeric_limits<double>::infinity());
+    }
+    return result;
   }
 
   /// The covariance by the observed information, that of the curvatures. With the weights, how far off each

@@ -21,7 +21,6 @@ struct JointGroup {
   double* sights;  ///< (frames, views, 6): the point in the image, and in 3-D the pixels for a unit (2, 2)
   double* prior;   ///< (frames, views): the probability beforehand that it is no outlier; 0 if there is none
   double* doubt;   ///< (frames, views): its variance as a multiple of `variance`; or null
-  double* width;   ///< (frames, views): added to the variance; or null
   double* weight;  ///< (frames, views)
   double* curvature;  ///< (frames, views): of the logarithm of Student's t distribution, in the mean over all
                       ///< directions
@@ -60,11 +59,10 @@ struct DetectionSums {
 /// The functions for one instruction set and dimension.
 struct Kernels {
   int lanes;
-  /// Expectation: probability and trust of each detection. is_exact: where a width is given, it has the
-  /// doubt of the points. sums: or null.
-  void (*expect)(const JointGroup&, bool is_exact, const DetectionSums* sums);
-  /// calm of the first `count` changes; to moved (a lane each): the sum of calm times the changes' squares.
-  void (*settle)(const JointGroup&, std::ptrdiff_t count, double* moved);
+  /// Expectation: probability and trust of each detection. sums: or null.
+  void (*expect)(const JointGroup&, const DetectionSums* sums);
+  /// calm of all changes; to moved (a lane each): the sum of calm times the changes' squares.
+  void (*settle)(const JointGroup&, double* moved);
   /// The weights and curvatures, from trust and variance.
   void (*reweigh)(const JointGroup&);
   /// information and right from the weights. along_ray: the error does not change along the ray of what was
@@ -78,8 +76,6 @@ struct Kernels {
   /// The logarithm of the evidence at the points by Laplace's approximation, up to a constant, to `sum` (a
   /// lane each). It takes the factors' place.
   void (*log_evidence)(const JointGroup&, double* sum, double* failed);
-  /// The variance [px^2], in each coordinate, of what each view will see in a frame (views).
-  void (*predict)(const JointGroup&, std::ptrdiff_t frame, double* variance);
 };
 
 /// For tests: no wider kernels than these from now on, unless it is 0. Returns the limit before.

@@ -78,7 +78,7 @@ struct Kernel {
   using Chain = lanes_v0_1::DifferenceChain<Dim, Lanes>;
   static constexpr int kEntries = Chain::kEntries;
 
-  static void expect(const JointGroup& g, bool is_exact, const DetectionSums* sums) {
+  static void expect(const JointGroup& g, const DetectionSums* sums) {
     const Lanes *variances = lanes(g.variance), *offset = lanes(g.offset);
     if (sums != nullptr) {
       for (std::ptrdiff_t v = 0; v < g.views; ++v) {
@@ -96,12 +96,9 @@ struct Kernel {
         const std::ptrdiff_t i = t * g.views + v;
         const Residual<Dim> residual(g, t, v, x, false);
         const Lanes error[2] = {residual.error[0] + offset[v * 2], residual.error[1] + offset[v * 2 + 1]};
-        const Lanes width = g.width == nullptr ? Lanes{} : lanes(g.width)[i];
-        Lanes blur = residual.blur(s);
-        if (is_exact) blur = width > 0.0 ? Lanes{} : blur;
-        const Lanes square = error[0] * error[0] + error[1] * error[1] + blur;
+        const Lanes square = error[0] * error[0] + error[1] * error[1] + residual.blur(s);
         const Lanes doubt = g.doubt == nullptr ? Lanes{} + 1.0 : lanes(g.doubt)[i];
-        const Lanes variance = variances[v] * doubt + width;
+        const Lanes variance = variances[v] * doubt;
         const Lanes base = 1.0 + square / (kDetection * variance);  // to the power of 1 + kDetection / 2
         const double most = 1 / (kTwoPi * g.rarity[v]);             // it is in the image
         Lanes expected = less(variance, most), surprise = base;
@@ -135,7 +132,7 @@ struct Kernel {
     }
   }
 
-  static void settle(const JointGroup& g, std::ptrdiff_t count, double* moved) {
+  static void settle(const JointGroup& g, double* moved) {
     const std::ptrdiff_t changes = g.frames - 2;
     const Lanes scale = 1.0 / *lanes(g.motion), *x = lanes(g.points), *spread = lanes(g.spread);
     Lanes *square = lanes(g.change), *calm = lanes(g.calm), sum{};
@@ -147,7 +144,7 @@ struct Kernel {
         square[t] += d * d;
       }
     }
-    for (std::ptrdiff_t t = 0; t < count; ++t) {
+    for (std::ptrdiff_t t = 0; t < changes; ++t) {
       const std::ptrdiff_t from = t > kBurst ? t - kBurst : 0;
       const std::ptrdiff_t to = t + kBurst < changes ? t + kBurst + 1 : changes;
       Lanes near{};
@@ -164,7 +161,6 @@ struct Kernel {
         const std::ptrdiff_t i = t * g.views + v;
         Lanes variance = lanes(g.variance)[v];
         if (g.doubt != nullptr) variance *= lanes(g.doubt)[i];
-        if (g.width != nullptr) variance += lanes(g.width)[i];
         const Lanes trust = lanes(g.trust)[i];
         lanes(g.weight)[i] = trust / variance;
         const Lanes most = (1 + 2 / kDetection) * lanes(g.probability)[i];  // trust where there is no error
@@ -263,12 +259,17 @@ struct Kernel {
     };
     Chain chain{g.frames, 1, g.coefficients, lanes(g.inverse), lanes(g.next), lanes(g.second)};
     Lanes wrong{};
-    chain.factorize(lanes(g.information), lanes(g.stiffness), nullptr, [&](Lanes pivot) {
+    const Lanes* past = g.past == nullptr ? nullptr : lanes(g.past);
+    chain.factorize(lanes(g.information), lanes(g.stiffness), past, [&](Lanes pivot) {
       wrong += ((pivot > 0.0) & (pivot < 1e300)) ? Lanes{} : Lanes{} + 1.0;
       multiply(greater(pivot, one * 1e-300), -0.5);
     });
     *lanes(failed) = wrong;
     const Lanes *x = lanes(g.points), *offset = lanes(g.offset), motion = *lanes(g.motion);
+    for (int r = 0; past != nullptr && g.frames > 1 && r < 2 * Dim; ++r) {
+      total += lanes(g.past_right)[r] * x[r];
+      for (int c = 0; c < 2 * Dim; ++c) total -= past[r * 2 * Dim + c] * x[r] * x[c] / 2.0;
+    }
     for (std::ptrdiff_t t = 0; t < g.frames; ++t) {
       for (std::ptrdiff_t v = 0; v < g.views; ++v) {
         const std::ptrdiff_t i = t * g.views + v;
@@ -295,13 +296,6 @@ struct Kernel {
       multiply(motion, -Dim / 2.0);
     }
     *lanes(sum) = total;
-  }
-
-  static void predict(const JointGroup& g, std::ptrdiff_t frame, double* variance) {
-    for (std::ptrdiff_t v = 0; v < g.views; ++v) {
-      const Residual<Dim> residual(g, frame, v, lanes(g.points) + frame * Dim, false);
-      lanes(variance)[v] = residual.blur(lanes(g.covariance) + frame * kEntries) / 2.0;
-    }
   }
 
  private:
@@ -336,8 +330,8 @@ struct Kernel {
 template <int Dim>
 constexpr Kernels kernels_of() {
   using K = Kernel<Dim>;
-  return {ASTERISM_POSE_LANES, K::expect,      K::settle,       K::reweigh, K::evidence,
-          K::posterior,        K::add_lasting, K::log_evidence, K::predict};
+  return {ASTERISM_POSE_LANES, K::expect,    K::settle,      K::reweigh,
+          K::evidence,         K::posterior, K::add_lasting, K::log_evidence};
 }
 
 }  // namespace

@@ -19,8 +19,8 @@ class Window {
     std::vector<Lens> lenses;
     Numbers area;    ///< (views) [px^2]
     Numbers slope;   ///< (views, 4): where a joint was not seen, the pixels for a unit
+    Numbers jitter;  ///< (joints): about the noise of a point that only one frame shows
     Numbers centre;  ///< (D)
-    Index lost;      ///< after so many frames in which all its detections are outliers, a joint begins again
   };
 
   /// Of the newest frame.
@@ -34,10 +34,9 @@ class Window {
       : is_(std::move(setting)),
         groups_(is_.dim, is_.frames, is_.views, is_.joints, is_.cameras.data(), is_.area.data()),
         newest_(is_.dim, 1, is_.views, is_.joints, is_.cameras.data(), is_.area.data()),
-        widest_(*std::max_element(is_.area.begin(), is_.area.end()) / 16),
-        lost_(static_cast<std::size_t>(is_.joints)) {
+        widest_(std::sqrt(*std::max_element(is_.area.begin(), is_.area.end())) / 4),
+        typical_(median(is_.scales.noise)) {
     for (JointGroup& g : groups_.all) {
-      g.width = groups_.array(is_.frames * is_.views);
       g.past = groups_.array(4 * is_.dim * is_.dim);
       g.past_right = groups_.array(2 * is_.dim);
       std::copy(is_.centre.begin(), is_.centre.end(), g.centre);
@@ -45,10 +44,8 @@ class Window {
       g.weak_share = 1e-9;  // as weak as rounding allows where a joint is not seen in the window
     }
     groups_.for_each_joint([&](JointGroup& g, Index lane, Index j) {
-      g.motion[lane] = is_.scales.motion[static_cast<std::size_t>(j)];
       for (Index v = 0; v < is_.views; ++v) {
         const auto i = static_cast<std::size_t>(v * is_.joints + j);
-        groups_.at(g.variance, v, lane) = is_.scales.noise[i] * is_.scales.noise[i];
         for (Index r = 0; r < 2; ++r)
           groups_.at(g.offset, v * 2 + r, lane) = is_.scales.offset[i * 2 + static_cast<std::size_t>(r)];
       }
@@ -58,11 +55,8 @@ class Window {
   /// The next frame: pixels (views, joints, 2), NaN where none; belief (views, joints), in [0, 1].
   Newest push(const double* pixels, const double* belief, double time) {
     append(pixels, belief, time);
-    groups_.solve(false);  // the newest frame is predicted
-    doubt_newest();
-    settle();
-    const std::vector<bool> is_lost = count_lost();
-    if (std::find(is_lost.begin(), is_lost.end(), true) != is_lost.end()) begin_again(is_lost);
+    for (std::size_t group = 0; group < groups_.all.size(); ++group) settle(group);
+    reconsider();
     groups_.observe();
     return newest();
   }
@@ -81,6 +75,11 @@ class Window {
   }
 
  private:
+  /// Chosen by measurement: see docs/pose.md.
+  static constexpr double kJitter = 0.05;
+  static constexpr int kLastTurns = 5;
+  static constexpr double kMargin = 30;  ///< about what two detections say
+
   using JointGroup = pose_kernels::JointGroup;
 
   Numbers numbers(double* JointGroup::*of, Index rows, Index each) {
@@ -129,91 +128,103 @@ class Window {
         for (Index c = 0; c < 6; ++c) groups_.at(g.sights, to * 6 + c, lane) = sight[c];
         const double known = std::clamp(belief[i], 0.01, 1.0);
         groups_.at(g.prior, to, lane) = is_finite ? (1 - kOutliers) * known : 0;
-        groups_.at(g.weight, to, lane) = groups_.at(g.width, to, lane) = 0;
+        groups_.at(g.weight, to, lane) = is_finite ? 1 / (widest_ * widest_) : 0;  // to begin with
       }
     });
   }
 
-  /// The width of the newest detections: their variance if they are predicted, and no more than the widest.
-  void doubt_newest() {
-    const Index t = frames() - 1;
-    for (JointGroup& g : groups_.all)
-      groups_.kernel.predict(g, t, g.width + t * is_.views * groups_.kernel.lanes);
-    groups_.for_each_joint([&](JointGroup& g, Index lane, Index) {
-      for (Index v = 0; v < is_.views; ++v) {
-        double& width = groups_.at(g.width, t * is_.views + v, lane);
-        width = is_seen(g, t, v, lane) ? std::min(width, widest_) : 0;
+  /// Weights and points of a group by turns: from a wide distribution of all detections to theirs, as in
+  /// fuse, and then until the changes of velocity hardly differ. At first, these may be as large as a share
+  /// of the noise makes them: a path that rested would else take a sudden motion, which all views see, for
+  /// outliers.
+  void settle(std::size_t group) {
+    JointGroup& g = groups_.all[group];
+    const double jitter = kJitter * kJitter * change_per_jitter();
+    const Index first = static_cast<Index>(group) * groups_.kernel.lanes;
+    const Index joints = std::min<Index>(groups_.kernel.lanes, is_.joints - first);
+    double width = widest_;
+    groups_.solve(group, true);
+    for (int last = 0; last < kLastTurns; width /= 2) {
+      const bool is_wide = width > typical_;
+      for (Index lane = 0; lane < joints; ++lane) {
+        const auto j = static_cast<std::size_t>(first + lane);
+        const double motion = is_.scales.motion[j], noisy = jitter * is_.jitter[j] * is_.jitter[j];
+        g.motion[lane] = is_wide ? std::max(motion, noisy) : motion;
+        for (Index v = 0; v < is_.views; ++v) {
+          const double noise = is_.scales.noise[static_cast<std::size_t>(v * is_.joints) + j];
+          const double deviation = std::max(noise, width);
+          groups_.at(g.variance, v, lane) = deviation * deviation;
+        }
       }
-    });
-  }
-
-  /// Weights and points by turns, from a wide distribution of the detections, `width`, to theirs.
-  void settle() {
-    for (bool is_first = true, is_wide = true; is_wide; is_first = false) {
-      for (JointGroup& g : groups_.all) {
-        groups_.kernel.expect(g, is_first, nullptr);
-        Groups::Lane moved;
-        // Only what follows tells a sudden motion from an outlier.
-        if (frames() > 3) groups_.kernel.settle(g, frames() - 3, moved.of);
-        groups_.kernel.reweigh(g);
-      }
-      bool is_far = false;
-      for_each_width([&](double width, double noise) { is_far = is_far || width > 900 * noise; });
-      groups_.solve(is_far);
-      is_wide = false;
-      for_each_width([&](double& width, double noise) {
-        is_wide = is_wide || width > 0;
-        width = width > noise ? width / 16 : 0;
-      });
+      groups_.kernel.expect(g, nullptr);
+      Groups::Lane moved;
+      if (frames() > 2) groups_.kernel.settle(g, moved.of);
+      groups_.kernel.reweigh(g);
+      groups_.solve(group, width > 30 * typical_);
+      last += !is_wide;
     }
   }
 
-  /// f(width, noise) for each detection, both variances [px^2].
-  template <typename F>
-  void for_each_width(F&& f) {
-    groups_.for_each_joint([&](JointGroup& g, Index lane, Index) {
-      for (Index i = 0; i < frames() * is_.views; ++i)
-        f(groups_.at(g.width, i, lane), groups_.at(g.variance, i % is_.views, lane));
-    });
+  /// The variance of changes of velocity if each point is off by one unit, at the usual rate of frames.
+  double change_per_jitter() const {
+    Numbers found;
+    for (std::size_t k = 0; k < coefficients_.size(); k += 3)
+      found.push_back(coefficients_[k] * coefficients_[k + 2]);
+    return found.empty() ? 0 : median(std::move(found));
   }
 
-  /// The joints of which too many frames, one after the other, had outliers alone.
-  std::vector<bool> count_lost() {
-    std::vector<bool> is_lost(lost_.size());
+  /// A path may go on as before, while all detections of the last frames are outliers, or change suddenly
+  /// before these. That of the greater evidence stays.
+  void reconsider() {
+    const Index last = frames(), views = is_.views;
+    std::vector<Index> since(static_cast<std::size_t>(is_.joints), last);
     groups_.for_each_joint([&](JointGroup& g, Index lane, Index j) {
-      bool is_any = false, is_good = false;
-      for (Index v = 0; v < is_.views; ++v) {
-        is_any = is_any || is_seen(g, frames() - 1, v, lane);
-        is_good = is_good || groups_.at(g.probability, (frames() - 1) * is_.views + v, lane) >= 0.5;
+      for (Index t = last; t-- > 0;) {
+        bool is_any = false, is_right = false;
+        for (Index v = 0; v < views; ++v) {
+          const bool here = is_seen(g, t, v, lane);
+          is_any = is_any || here;
+          is_right = is_right || (here && groups_.at(g.probability, t * views + v, lane) >= 0.5);
+        }
+        if (is_right || (!is_any && t == last - 1)) break;
+        if (is_any) since[static_cast<std::size_t>(j)] = t;
       }
-      Index& lost = lost_[static_cast<std::size_t>(j)];
-      if (is_any) lost = is_good ? 0 : lost + 1;
-      is_lost[static_cast<std::size_t>(j)] = lost >= is_.lost;
     });
-    return is_lost;
-  }
-
-  /// Forgets the former path of joints.
-  void begin_again(const std::vector<bool>& which) {
-    const Index dim = is_.dim, kept = is_.lost;
+    std::vector<char> is_chosen(groups_.all.size());
+    for (std::size_t j = 0; j < since.size(); ++j)
+      is_chosen[j / static_cast<std::size_t>(groups_.kernel.lanes)] |= since[j] < last;
+    if (std::find(is_chosen.begin(), is_chosen.end(), 1) == is_chosen.end()) return;
+    const Numbers before = groups_.log_evidences();
+    const std::pair<double * JointGroup::*, Index> arrays[] = {
+        {&JointGroup::points, last * is_.dim},
+        {&JointGroup::weight, last * views},
+        {&JointGroup::curvature, last * views},
+        {&JointGroup::probability, last * views},
+        {&JointGroup::calm, std::max<Index>(last - 2, 0)}};
+    std::vector<Numbers> kept;
+    for (const auto& [array, rows] : arrays) kept.push_back(numbers(array, 1, rows));
     groups_.for_each_joint([&](JointGroup& g, Index lane, Index j) {
-      if (!which[static_cast<std::size_t>(j)]) return;
-      lost_[static_cast<std::size_t>(j)] = 0;
-      for (Index k = 0; k < 4 * dim * dim; ++k) groups_.at(g.past, k, lane) = 0;
-      for (Index k = 0; k < 2 * dim; ++k) groups_.at(g.past_right, k, lane) = 0;
-      for (Index t = 0; t + 2 < frames(); ++t) groups_.at(g.calm, t, lane) = 1;
-      for (Index i = 0; i < frames() * is_.views; ++i) {
-        groups_.at(g.weight, i, lane) = 0;
-        if (i < (frames() - kept) * is_.views) groups_.at(g.prior, i, lane) = 0;
+      const Index from = since[static_cast<std::size_t>(j)];
+      if (from == last) return;
+      const double free = std::pow(is_.scales.extent, 2) * change_per_jitter();
+      for (Index t = std::max<Index>(from - 2, 0); t + 2 < last; ++t)
+        groups_.at(g.calm, t, lane) = std::min(1.0, g.motion[lane] / free);
+      for (Index i = from * views; i < last * views; ++i)
+        groups_.at(g.weight, i, lane) = groups_.at(g.prior, i, lane) > 0 ? 1 / (widest_ * widest_) : 0;
+    });
+    for (std::size_t group = 0; group < is_chosen.size(); ++group)
+      if (is_chosen[group]) settle(group);
+    const Numbers after = groups_.log_evidences();
+    groups_.for_each_joint([&](JointGroup& g, Index lane, Index j) {
+      const auto k = static_cast<std::size_t>(j);
+      if (since[k] < last && after[k] > before[k] + kMargin) return;
+      for (std::size_t a = 0; a < kept.size(); ++a) {
+        for (Index i = 0; i < arrays[a].second; ++i)
+          groups_.at(g.*arrays[a].first, i, lane) =
+              kept[a][k * static_cast<std::size_t>(arrays[a].second) + static_cast<std::size_t>(i)];
       }
     });
     groups_.solve(false);
-    groups_.for_each_joint([&](JointGroup& g, Index lane, Index j) {
-      for (Index i = 0; i < frames() * is_.views; ++i)
-        groups_.at(g.width, i, lane) =
-            which[static_cast<std::size_t>(j)] && groups_.at(g.prior, i, lane) > 0 ? widest_ : 0;
-    });
-    settle();
   }
 
   /// Marginalises the oldest frame: what it says about the next two becomes the past.
@@ -277,14 +288,17 @@ class Window {
       }
     }
     bool is_definite = true;
-    Both::invert(entries, unused, [&](double pivot) { is_definite = is_definite && pivot > 0; });
+    double size = 0;
+    for (int r = 0; r < 2 * Dim; ++r) size += next[r][r];
+    Both::invert(entries, unused, [&](double pivot) { is_definite = is_definite && pivot > 1e-11 * size; });
     double axes[2 * Dim][2 * Dim];
-    if (!is_definite) diagonalize(next, axes);  // rounding makes what is not known negative
+    if (!is_definite)
+      diagonalize(next, axes);  // of what is not known, rounding is left, which may be negative
     for (int r = 0; r < 2 * Dim; ++r) {
       for (int c = 0; c < 2 * Dim; ++c) {
         double& to = groups_.at(g.past, r * 2 * Dim + c, lane) = is_definite ? next[r][c] : 0;
         for (int k = 0; k < 2 * Dim && !is_definite; ++k)
-          to += axes[r][k] * axes[c][k] * std::max(next[k][k], 0.0);
+          to += axes[r][k] * axes[c][k] * std::max(next[k][k], 1e-12 * size);
       }
     }
   }
@@ -325,8 +339,8 @@ class Window {
 
   Setting is_;
   Groups groups_, newest_;  // newest_: of that frame alone
-  double widest_;
-  std::vector<Index> lost_;  // frames in a row
+  double widest_;           // of the deviations of detections, at first [px]
+  double typical_;          // of the noise [px]
   Numbers times_, coefficients_;
 };
 

@@ -569,6 +569,46 @@ class StreamTest(unittest.TestCase):
         self.assertGreater(outliers[:, later][wrong].mean(), 0.95)
         self.assertLess(outliers[:, later][is_seen & ~wrong].mean(), 0.04)
 
+    def test_the_first_frames_and_sudden_motions(self):
+        # Two cameras see joints that rest and then move within a few frames; nothing is wrong or missing.
+        rng = np.random.default_rng(25)
+        cameras = ring(2)
+        truth = np.zeros((400, 3, 3)) + rng.normal(0, 0.5, (3, 3))
+        for begin in range(30, 400, 40):
+            way = (1 - np.cos(np.pi * np.clip(np.arange(400) - begin, 0, 8) / 8)) / 2
+            truth += way[:, None, None] * rng.normal(0, 0.3, (3, 3))
+        seen = np.array([camera.project(truth) for camera in cameras]) + rng.normal(0, 1, (2, 400, 3, 2))
+        stream = pose.Stream(pose.fuse(seen[:, :200], None, cameras), cameras)
+        found = [stream.push(frame) for frame in seen.swapaxes(0, 1)[200:]]
+        points, covariance = np.array([f.points for f in found]), np.array([f.covariance for f in found])
+        away = np.linalg.norm(points - truth[200:], axis=-1)
+        self.assertLess(away[:5].max(), 0.15)
+        self.assertLess(np.quantile(away, 0.9), 0.1)
+        self.assertLess(np.mean([f.outliers for f in found]), 0.01)
+        self.assertGreater((distances(points - truth[200:], covariance) < 7.815).mean(), 0.8)
+
+    def test_wrong_detections_do_not_begin_a_path(self):
+        for seed in range(3):
+            truth, seen, _, cameras = recording(26 + seed, frames=300, outliers=0.05, missing=0.1)
+            rng = np.random.default_rng(seed)
+            seen[:, 230:237] = rng.uniform((0, 0), (1280, 1024), (3, 7, 4, 2))
+            stream = pose.Stream(pose.fuse(seen[:, :200], None, cameras), cameras)
+            found = np.array([stream.push(frame).points for frame in seen.swapaxes(0, 1)[200:]])
+            self.assertLess(np.quantile(np.linalg.norm(found - truth[200:], axis=-1)[38:60], 0.95), 0.1)
+            # A cut that all three cameras see is no outlier after a few frames.
+            moved = [camera.project(truth + 1) for camera in cameras] + rng.normal(0, 1, seen.shape)
+            found = np.array([stream.push(frame).points for frame in moved.swapaxes(0, 1)[:40]])
+            self.assertLess(np.linalg.norm(found - truth[:40] - 1, axis=-1)[6:].max(), 0.1)
+
+    def test_confidence_is_relative(self):
+        _, seen, _, cameras = recording(29, frames=60, joints=2)
+        recorded = pose.fuse(seen, None, cameras)
+        high, low, none = (pose.Stream(recorded, cameras) for _ in range(3))
+        for frame in seen.swapaxes(0, 1):
+            plain = high.push(frame, confidence=np.ones((3, 2))).points
+            np.testing.assert_array_equal(low.push(frame, confidence=np.full((3, 2), 0.25)).points, plain)
+            np.testing.assert_array_equal(none.push(frame, confidence=np.zeros((3, 2))).points, plain)
+
     def test_a_joint_that_comes_late_or_jumps(self):
         rng = np.random.default_rng(22)
         truth = np.stack([100 + 2.0 * np.arange(200), 80 + 30 * np.sin(np.arange(200) / 20)], -1)[:, None] + np.zeros((1, 2, 1))
