@@ -674,6 +674,32 @@ class SwapTest(unittest.TestCase):
         truth, seen, _, _ = recording(24, frames=300, joints=4)
         self.assertLess(pose.exchange_back(seen, [(0, 1), (2, 3)]).swapped.mean(), 0.01)
 
+    def test_views_that_disagree(self):
+        # Legs that cross in the images of three cameras; swaps in one view, in single frames of all, and none at all.
+        t = np.arange(300)[:, None]
+        side = np.array([1, -1])
+        truth = np.stack([0.25 * np.sin(t / 4) * side + 0.5 * np.sin(t / 80), 0.08 * np.maximum(0, np.cos(t / 4) * side), 0.2 * side + 0 * t], -1)
+        cameras = ring(3)
+        for kind in ("one view", "all views", "none"):
+            rng = np.random.default_rng(len(kind))
+            seen = np.array([camera.project(truth) for camera in cameras]) + rng.normal(0, 1, (3, 300, 2, 2))
+            is_wrong = rng.random((3, 300, 2)) < 0.05
+            seen[is_wrong] = rng.uniform((0, 0), (1280, 1024), (is_wrong.sum(), 2))
+            where = np.zeros((3, 300), bool)
+            if kind == "one view":
+                where[1, 40:80] = where[1, 200:220] = True
+            elif kind == "all views":
+                where[:, rng.choice(300, 12, replace=False)] = True
+            swapped = seen.copy()
+            swapped[where] = seen[where][:, ::-1]
+            found, right = pose.fuse(swapped, None, cameras, pairs=[(0, 1)]), pose.fuse(seen, None, cameras)
+            is_clear = ~is_wrong.any(-1) & (np.linalg.norm(right.reprojections[:, :, 0] - right.reprojections[:, :, 1], axis=-1) > 6)
+            self.assertLess((found.swapped[..., 0] != where)[is_clear].mean(), 0.005, kind)
+            ratio = np.linalg.norm(found.points - truth, axis=-1).mean() / np.linalg.norm(right.points - truth, axis=-1).mean()
+            self.assertLess(ratio, 1.3, kind)
+        confidence = np.where(is_wrong, 0.2, 0.9)
+        self.assertLess(pose.fuse(seen, confidence, cameras, pairs=[(0, 1)], times=t[:, 0] / 50, deviation=np.ones((3, 300, 2))).swapped.mean(), 0.005)
+
     def test_pairs_of_names(self):
         names = ["nose", "left_hip", "right_hip", "EarL", "EarR", "Ear_R", "Ear_L", "tail_left", "kneeRight", "kneeLeft", "L2", "R2"]
         self.assertEqual(sorted(pose.left_right_pairs(names)), [(1, 2), (3, 4), (6, 5), (9, 8), (10, 11)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Iterable, Sequence
+from typing import Any, Callable, Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,10 @@ _Floats = npt.NDArray[np.float64]
 
 #: How much less probable an exchanged frame is, as a difference of energies: which of two whole paths is left is for the majority to say.
 _EXCHANGED = 0.05
+#: The same for two neighbouring frames of which one is exchanged.
+_CHANGED = 2.0
+#: The same for a frame whose labels are compared with a path that is known.
+_UNLIKELY = 4.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -66,7 +70,7 @@ def exchange_back(detections: npt.ArrayLike, pairs: Iterable[tuple[int, int]], t
     one; left_right_pairs finds them by their names. times: (T,), rising; frame numbers if left out.
 
     Each view and pair is decided on its own, by an exact minimum over all choices of frames (min-sum over a chain whose states are the labels of two neighbouring
-    frames): changes of velocity have Student's t distribution with one degree of freedom, of a scale that is their median, so that a jump which
+    frames, a change of which costs 2): changes of velocity have Student's t distribution with one degree of freedom, of a scale that is their median, so that a jump which
     both choices have, or an outlier, costs little. Frames that see one joint of the pair alone go to the nearer path. If most frames are swapped, the
     result is swapped: nothing in a path says which side is left. ValueError for other shapes, infinite numbers, bad pairs and times that do not rise.
     """
@@ -93,6 +97,15 @@ def exchange_back(detections: npt.ArrayLike, pairs: Iterable[tuple[int, int]], t
     return Exchanged(found, swapped[0] if found.ndim == 3 else swapped)
 
 
+def exchanged(values: Any, swapped: npt.NDArray[np.bool_], pairs: npt.NDArray[np.intp]) -> Any:
+    """A copy with pairs exchanged; None stays."""
+    if values is None:
+        return None
+    found = np.array(values)
+    _exchange(found, swapped, pairs)
+    return found
+
+
 def _exchange(values: _Floats, swapped: npt.NDArray[np.bool_], pairs: npt.NDArray[np.intp]) -> None:
     """In place; joints are the axis of values after those of the frames."""
     for p, (a, b) in enumerate(pairs):
@@ -117,6 +130,66 @@ def _swapped(path: _Floats, times: _Floats) -> npt.NDArray[np.bool_]:
         away = np.array([((path[alone, joint] - side[alone]) ** 2).sum(-1) for side in known])
         swapped[alone] = away[1 - joint] < away[joint] / 4  # twice as near to the other's path
     return swapped
+
+
+def swaps_by_paths(
+    pixels: _Floats, pairs: npt.NDArray[np.intp], times: _Floats, cameras: Any, area: _Floats, fused: Callable[[npt.NDArray[np.bool_]], Any]
+) -> npt.NDArray[np.bool_]:
+    """(V, T, P): where pairs are swapped in detections (V, T, J, 2), by the paths of both joints, which all views share.
+
+    fused: a FusedPose, given where pairs are exchanged. It is begun with nothing exchanged, and with what exchange_back finds in the detections that
+    are no outliers then. In each, labels and paths are found by turns. For each pair, the one of the lower energy is taken.
+    """
+    swapped = np.zeros((*pixels.shape[:2], len(pairs)), bool)
+    first = fused(swapped)
+    alone = exchange_back(np.where(first.outliers[..., None], np.nan, pixels), pairs, times).swapped
+    swapped, first = _settled(pixels, pairs, cameras, area, fused, swapped, first)
+    if not alone.any():
+        return swapped
+    alone, second = _settled(pixels, pairs, cameras, area, fused, alone, fused(alone))
+    noise, motion = np.minimum(first.noise, second.noise), np.minimum(first.motion, second.motion)
+    energies = [_energies(found, exchanged(pixels, s, pairs), times, noise, motion, area) for s, found in ((swapped, first), (alone, second))]
+    better = energies[1][pairs].sum(1) < energies[0][pairs].sum(1)
+    return np.where(better, alone, swapped)
+
+
+def _settled(
+    pixels: _Floats, pairs: npt.NDArray[np.intp], cameras: Any, area: _Floats, fused: Callable[..., Any], swapped: npt.NDArray[np.bool_], found: Any
+) -> tuple[npt.NDArray[np.bool_], Any]:
+    """Each detection goes to the path that it is nearer to, and paths are those of these detections; at most four times."""
+    for _ in range(4):
+        now = exchanged(pixels, swapped, pairs)
+        change = np.zeros_like(swapped)
+        spread = np.linalg.cholesky(found.covariance)
+        for view, seen in enumerate(now):
+            project = cameras[view].project if cameras else np.asarray
+            image = project(found.points)
+            blur = sum(((project(found.points + spread[..., k]) - image) ** 2).sum(-1) for k in range(spread.shape[-1])) / 2
+            variance = found.noise[view] ** 2 + blur
+            for p, (a, b) in enumerate(pairs):
+                of = [[_loss(seen[:, i] - image[:, j] - found.offsets[view, j], variance[:, j], area[view]) for j in (a, b)] for i in (a, b)]
+                change[view, :, p] = of[0][0] + of[1][1] - of[0][1] - of[1][0] > _UNLIKELY
+        if not change.any():
+            break
+        swapped = swapped ^ change
+        found = fused(swapped)
+    return swapped, found
+
+
+def _loss(error: _Floats, variance: _Floats, area: float) -> _Floats:
+    """Of errors (.., 2): that of fuse; 0 where there is no detection."""
+    square = (error**2).sum(-1)
+    loss = -np.log(0.99 / (2 * np.pi * variance * (1 + square / (4 * variance)) ** 3) + 0.01 / area)
+    return np.where(np.isfinite(square), loss, 0)
+
+
+def _energies(found: Any, pixels: _Floats, times: _Floats, noise: _Floats, motion: _Floats, area: _Floats) -> _Floats:
+    """Of each joint (J,), with these scales."""
+    error = pixels - found.reprojections - found.offsets[:, None]
+    sum_ = sum(_loss(error[view], noise[view] ** 2, area[view]).sum(0) for view in range(len(pixels)))
+    step = np.diff(times)[:, None, None]
+    change = np.diff(np.diff(found.points, axis=0) / step, axis=0) / np.sqrt((step[1:] + step[:-1]) / 2)
+    return sum_ + (1 + change.shape[-1]) / 2 * np.log1p((change**2).sum(-1) / motion**2).sum(0)
 
 
 def _isolated(path: _Floats) -> npt.NDArray[np.bool_]:
@@ -152,12 +225,13 @@ def _smoothest(path: _Floats, times: _Floats) -> npt.NDArray[np.bool_]:
         change = (speed[None, :, :, 1:] - speed[:, :, None, :-1]) * np.sqrt(2 / (step[1:] + step[:-1]))[:, None, None]
         square = (change**2).sum(-1)
         bend = np.log1p(square / _scale(float(np.median(square.min((0, 1, 2)))), square)).sum(-1)  # each joint on its own: one may be an outlier
-    best = cost[:, :, 0] + _EXCHANGED * (np.arange(2)[:, None] + np.arange(2))
+    differs = _CHANGED * (1 - np.eye(2))
+    best = cost[:, :, 0] + _EXCHANGED * (np.arange(2)[:, None] + np.arange(2)) + differs
     back = np.zeros((count, 2, 2), np.intp)
     for t in range(2, count):
         total = best[:, :, None] + bend[..., t - 2]
         back[t] = total.argmin(0)
-        best = total.min(0) + cost[..., t - 1] + _EXCHANGED * np.arange(2)
+        best = total.min(0) + cost[..., t - 1] + _EXCHANGED * np.arange(2) + differs
     found = np.zeros(count, np.intp)
     found[-2:] = np.unravel_index(best.argmin(), (2, 2))
     for t in range(count - 1, 1, -1):
