@@ -62,7 +62,7 @@ class _PoseRecording:
 class _PoseWindow:
     def __init__(
         self, frames: int, scales: tuple[_Floats, _Floats, _Floats, float, float], cameras: _Floats, matrices: _Floats, distortions: _Floats,
-        area: _Floats, slope: _Floats, centre: _Floats, lost: int,
+        area: _Floats, slope: _Floats, centre: _Floats,
     ) -> None: ...
     def push(self, pixels: _Floats, belief: _Floats, time: float) -> tuple[_Floats, _Floats, npt.NDArray[np.bool_]]: ...
     @property
