@@ -109,6 +109,35 @@ class SurveyTest(unittest.TestCase):
                 with self.assertRaisesRegex(ValueError, f"^{name}: its square is out of range"):
                     asterism.survey(ranges, **arguments)
 
+    def test_ranges_that_are_too_long(self):
+        """With a cutoff, places are those of least squares of the right ranges, which is told which ones these are."""
+        for seed, dim, bias, count in ((1, 2, 0.0, 16), (2, 2, 0.3, 20), (3, 3, 0.0, 20), (4, 3, 0.3, 24), (5, 2, 0.0, 16)):
+            x, c, ranges = scene(seed, count, dim, 0.05, bias, 0.1)
+            rng = np.random.default_rng(seed)
+            is_wrong = (rng.random(ranges.shape) < 0.2) & ~np.isnan(ranges) & ~np.eye(count, dtype=bool)
+            heard = np.where(is_wrong, ranges + rng.uniform(1, 8, ranges.shape), ranges)
+            if seed == 5:  # each pair is measured once
+                heard, is_wrong = np.triu(heard, 1) + np.triu(heard, 1).T, np.triu(is_wrong) | np.triu(is_wrong).T
+            found = asterism.survey(heard, 0.05, bias=bias, dim=dim, cutoff=5)
+            told = asterism.survey(np.where(is_wrong, np.nan, heard), 0.05, bias=bias, dim=dim)
+            np.testing.assert_array_equal(found.outliers, is_wrong)
+            np.testing.assert_allclose(turned(found.x, told.x)[0], told.x, atol=1e-5)
+            np.testing.assert_allclose(found.bias, told.bias, atol=1e-5)
+            np.testing.assert_allclose(np.trace(found.covariance, axis1=1, axis2=2), np.trace(told.covariance, axis1=1, axis2=2), rtol=1e-3)
+            self.assertAlmostEqual(found.energy, told.energy + 12.5 * is_wrong.sum() / (2 if seed == 5 else 1), places=4)
+            self.assertEqual((found.proven, found.lower_bound), (False, 0))
+
+    def test_a_cutoff_that_no_range_reaches(self):
+        for bias in (0.0, 0.3):
+            _, _, ranges = scene(6, 9, 2, 0.05, bias)
+            without, found = asterism.survey(ranges, 0.05, bias=bias), asterism.survey(ranges, 0.05, bias=bias, cutoff=50)
+            np.testing.assert_allclose(distances(found.x), distances(without.x), atol=1e-6)
+            self.assertFalse(found.outliers.any())
+            self.assertAlmostEqual(found.energy, without.energy, places=6)
+        for cutoff in (0, -1, np.nan, np.inf, "x"):
+            with self.subTest(cutoff), self.assertRaisesRegex((ValueError, TypeError), "cutoff"):
+                asterism.survey(ranges, 0.05, cutoff=cutoff)
+
     def test_a_symmetric_matrix_has_each_measurement_once(self):
         rng = np.random.default_rng(3)
         x = rng.uniform(0, 10, (9, 2))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Callable
 
 import numpy as np
 import numpy.typing as npt
 
 from . import embedding, inputs
+from .ranges import locate
 
 _Floats = npt.NDArray[np.float64]
 
@@ -24,30 +26,34 @@ class Survey:
     bias: _Floats
     #: (N,) [m]: its standard deviation, by Laplace's approximation.
     bias_sigma: _Floats
-    #: 1/2 sum ((|x_i - x_j| + bias_i + bias_j - range) / sigma)^2 over the measured pairs, plus 1/2 sum (bias_i / bias)^2.
+    #: 1/2 sum ((|x_i - x_j| + bias_i + bias_j - range) / sigma)^2 over the measured pairs, plus 1/2 sum (bias_i / bias)^2; cutoff^2 / 2 for each outlier.
     energy: float
-    #: No places have less energy than this; 0 if nothing is proven, as where biases are estimated.
+    #: No places have less energy than this; 0 if nothing is proven, as where biases are estimated or there is a cutoff.
     lower_bound: float
     #: Whether it is proven that no places have less energy.
     proven: bool
     #: (N, N): what the places and biases leave of each range [sigma]; NaN where none was measured.
     residuals: _Floats
+    #: (N, N): which residuals are as large as the cutoff or larger; none without one.
+    outliers: npt.NDArray[np.bool_]
     #: What else the ranges cannot tell; "" if nothing.
     message: str
 
     __repr__ = inputs.brief
 
 
-def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0.0, dim: int = 2) -> Survey:
+def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0.0, dim: int = 2, cutoff: float | None = None) -> Survey:
     """Places of N devices from the ranges that they measure to each other, such as those of radio beacons (UWB) before any is known.
 
     It minimises 1/2 sum ((|x_i - x_j| + c_i + c_j - range_ij) / sigma_ij)^2 + 1/2 sum (c_i / bias)^2. Places come from mds; with
     biases, Newton's method then finds both together. Without biases, a certificate may prove the result: see docs/locate.md.
+    With a cutoff, no term exceeds cutoff^2 / 2, and outliers are found by graduated non-convexity and by locating one device after the other.
 
     ranges: (N, N), >= 0 [m]; NaN, or masked, where none was measured; the diagonal is not read. [i, j] and [j, i] are two
     measurements of one distance, unless the matrix is symmetric. sigma: their standard deviation, a number or (N, N), > 0 [m]. bias: the standard
     deviation of what each device adds to its ranges [m], such as a delay that was not calibrated; 0 if they add nothing. A delay that
-    all devices have is to be subtracted before. dim: 2 or 3.
+    all devices have is to be subtracted before. dim: 2 or 3. cutoff: from this residual on [sigma], > 0, a range counts as an outlier, such
+    as one that a reflection made too long, and costs cutoff^2 / 2. Nothing is proven then.
 
     ValueError for bad input, and where a device, or a part of them, can move without changing a range.
     """
@@ -58,6 +64,9 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     dim, bias = inputs.choice(dim, "dim", (2, 3)), inputs.number(bias, "bias")
     if bias < 0:
         raise ValueError(f"bias: expected a finite number >= 0, found {bias}")
+    limit = np.inf if cutoff is None else inputs.number(cutoff, "cutoff")
+    if not limit > 0:
+        raise ValueError(f"cutoff: expected a number > 0, found {cutoff}")
     if count <= dim:
         raise ValueError(f"ranges: expected those of {dim + 1} devices or more in {dim} dimensions, found {count}")
     deviation = inputs.numbers(sigma, "sigma")
@@ -74,25 +83,96 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     both = is_measured & is_measured.T
     if (given == given.T)[both].all():  # the lower triangle is a copy, not a second measurement
         measured[both] /= 2
-    weight = measured + measured.T
-    is_pair = weight > 0
-    weighted = measured * np.where(is_measured, given, 0)
-    range_of = np.divide(weighted + weighted.T, weight, where=is_pair, out=np.zeros_like(given))
+    given = np.where(is_measured, given, 0)
+
+    def network_of(trust: _Floats) -> _Network:
+        return _Network(*_pairs(given, measured * trust), bias)
+
+    def residuals_of(x: _Floats, added: _Floats) -> _Floats:
+        apart = np.linalg.norm(x[:, None] - x[None], axis=-1)
+        return np.where(is_measured, (apart + added[:, None] + added[None] - given) / deviation, 0.0)
+
+    range_of, weight = _pairs(given, measured)
+    is_pair, is_proof = weight > 0, bias == 0 and limit == np.inf
     # Where all pairs are measured, classical scaling, the first start, is near the best places.
     options = {"starts": 4} if is_pair.sum() == count * (count - 1) else {}
     i, j = pairs = np.nonzero(np.triu(is_pair))
     known = embedding.Known(list(range(count)), np.zeros((count, dim)), np.zeros(count))  # no anchors
-    placed = embedding.embed(known, np.column_stack(pairs), range_of[i, j], weight[i, j], "multi-start", options, prove=bias == 0)
-    network = _Network(range_of, weight, bias)
-    x, added, inverse = network.solve(placed.x)
+    placed = embedding.embed(known, np.column_stack(pairs), range_of[i, j], weight[i, j], "multi-start", options, prove=is_proof)
+    x, trust = placed.x, np.ones_like(given)
+    if limit < np.inf:
+        x, added = _graduated(x, network_of, residuals_of, limit)
+        for _ in range(_SWEEPS):
+            if not _located(x, added, given, np.where(is_measured, deviation, np.inf), limit):
+                break
+            trust = np.where(np.abs(residuals_of(x, added)) < limit, 1.0, _DOUBTED)
+            x, added, _ = network_of(trust).descend(x, added)
+        trust = np.where(np.abs(residuals_of(x, added)) < limit, 1.0, 0.0)
+    for _ in range(_SWEEPS):
+        network = network_of(trust)
+        if limit < np.inf:
+            x = network.descend(x, added)[0]
+        x, added, inverse = network.solve(x)
+        residuals = residuals_of(x, added)
+        is_outlier = np.abs(residuals) >= limit
+        if (is_outlier == (trust == 0)).all():
+            break
+        trust = np.where(is_outlier, 0.0, 1.0)
     covariance, bias_sigma, message = network.uncertainty(x, inverse)
-    energy = network.energy(x, added)
-    x = x - x.mean(0)
-    apart = np.linalg.norm(x[:, None] - x[None], axis=-1)
-    residuals = (apart + added[:, None] + added[None] - given) / deviation
+    energy = network.energy(x, added) + (measured * np.square(deviation))[trust == 0].sum() * min(limit, 1e150) ** 2 / 2
     residuals[~is_measured] = np.nan
-    lower_bound = placed.lower_bound / 2 if bias == 0 else 0.0
-    return Survey(x, covariance, added, bias_sigma, energy, lower_bound, bias == 0 and placed.certified, residuals, message)
+    lower_bound = placed.lower_bound / 2 if is_proof else 0.0
+    return Survey(x - x.mean(0), covariance, added, bias_sigma, energy, lower_bound, is_proof and placed.certified, residuals, is_outlier, message)
+
+
+def _pairs(given: _Floats, measured: _Floats) -> tuple[_Floats, _Floats]:
+    """Of the measurements of a pair [i, j] and [j, i]: the mean, and the weights together."""
+    weight = measured + measured.T
+    weighted = measured * given
+    return np.divide(weighted + weighted.T, weight, where=weight > 0, out=np.zeros_like(given)), weight
+
+
+#: With a cutoff: at most so many times, devices are located again, one after the other.
+_SWEEPS = 10
+#: The weight of an outlier while they are sought: no device loses all its ranges.
+_DOUBTED = 1e-6
+
+
+def _graduated(
+    x: _Floats, network_of: Callable[[_Floats], _Network], residuals_of: Callable[[_Floats, _Floats], _Floats], limit: float
+) -> tuple[_Floats, _Floats]:
+    """Places and biases: graduated non-convexity with truncated least squares (Yang et al. 2020), from the places x."""
+    x, added, _ = network_of(np.ones((len(x), len(x)))).descend(x, np.zeros(len(x)))
+    square = residuals_of(x, added) ** 2
+    control = limit**2 / max(2 * float(square.max()) - limit**2, 1e-300)
+    while 0 < control < 1e3:
+        between = limit * np.sqrt(control * (control + 1) / np.maximum(square, 1e-300)) - control
+        x, added, _ = network_of(np.clip(between, _DOUBTED, 1)).descend(x, added)
+        square = residuals_of(x, added) ** 2
+        control *= 1.4
+    return x, added
+
+
+def _located(x: _Floats, added: _Floats, given: _Floats, deviation: _Floats, limit: float) -> bool:
+    """Each device goes to where its ranges to the others have the least energy of all places, in x; whether one has moved."""
+    is_moved = False
+    for i in range(len(x)):
+        sigma = np.concatenate([deviation[i], deviation[:, i]])
+        is_heard = np.isfinite(sigma)
+        beacons = np.concatenate([x, x])[is_heard]
+        ranges = (np.concatenate([given[i] - added, given[:, i] - added]) - added[i])[is_heard]
+
+        def energy(at: _Floats) -> float:
+            error = (np.linalg.norm(beacons - at, axis=1) - ranges) / sigma[is_heard]
+            return float(np.minimum(error**2, limit**2).sum()) / 2
+
+        try:
+            found = locate(beacons, np.maximum(ranges, 0), sigma[is_heard], cutoff=limit, within=0, max_cells=20_000)
+        except ValueError:  # no place agrees with enough ranges
+            continue
+        if energy(found.x) < energy(x[i]) - 1e-6 * (1 + energy(x[i])):
+            x[i], is_moved = found.x, True
+    return is_moved
 
 
 def _weights(deviations: _Floats, name: str) -> _Floats:
@@ -155,7 +235,7 @@ class _Network:
         c = np.zeros(len(x))
         for _ in range(10):
             if self._has_bias:  # otherwise mds has found it
-                x, c, energy = self._descend(x, c)
+                x, c, energy = self.descend(x, c)
             hessian = self.derivatives(x, c, False)[1]
             inverse = _inverse(hessian, x)
             if inverse is not None:
@@ -180,7 +260,7 @@ class _Network:
             raise ValueError(f"ranges: they do not determine the places: device {moved} can move without changing a range")
         return x, c, (axes[:, motions:] / size[motions:]) @ axes[:, motions:].T
 
-    def _descend(self, x: _Floats, c: _Floats) -> tuple[_Floats, _Floats, float]:
+    def descend(self, x: _Floats, c: _Floats) -> tuple[_Floats, _Floats, float]:
         """To a stationary point, damped where the energy would rise, which also holds the rigid motions."""
         count, dim = x.shape
         energy, damping, clamp = self.energy(x, c), 1e-9, True
@@ -188,12 +268,13 @@ class _Network:
         for _ in range(200):
             gradient, hessian = self.derivatives(x, c, clamp)
             step = np.linalg.solve(hessian + damping * size * np.eye(len(gradient)), -gradient)
+            change = self._unit * step[count * dim :] if self._has_bias else 0.0
             decrease = -gradient @ step
             if clamp and decrease <= 1e-18 * (1 + energy):
                 break
             is_last = not clamp and 0 <= decrease <= 1e-10 * (1 + energy)  # the next one is its square
             for share in (1.0,) if clamp or is_last else (1.0, 0.5, 0.25, 0.125):
-                there, biases = x + share * step[: count * dim].reshape(x.shape), c + share * self._unit * step[count * dim :]
+                there, biases = x + share * step[: count * dim].reshape(x.shape), c + share * change
                 next_energy = self.energy(there, biases)
                 if next_energy <= energy:
                     break
