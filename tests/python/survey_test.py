@@ -134,6 +134,10 @@ class SurveyTest(unittest.TestCase):
             np.testing.assert_allclose(distances(found.x), distances(without.x), atol=1e-6)
             self.assertFalse(found.outliers.any())
             self.assertAlmostEqual(found.energy, without.energy, places=6)
+        noise = np.random.default_rng(7).uniform(1, 90, (7, 7))
+        for sigma, cutoff, words in ((1e-6, 1e-3, "no places were found that agree"), (1, 1e200, "its square"), (1, 1e-200, "its square")):
+            with self.subTest(cutoff), self.assertRaisesRegex(ValueError, f"^cutoff: {words}"):
+                asterism.survey(noise, sigma, cutoff=cutoff)
         for cutoff in (0, -1, np.nan, np.inf, "x"):
             with self.subTest(cutoff), self.assertRaisesRegex((ValueError, TypeError), "cutoff"):
                 asterism.survey(ranges, 0.05, cutoff=cutoff)

@@ -55,7 +55,7 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     all devices have is to be subtracted before. dim: 2 or 3. cutoff: from this residual on [sigma], > 0, a range counts as an outlier, such
     as one that a reflection made too long, and costs cutoff^2 / 2. Nothing is proven then.
 
-    ValueError for bad input, and where a device, or a part of them, can move without changing a range.
+    ValueError for bad input, and where a device, or a part of them, can move without changing a range, or, with a cutoff, one that is no outlier.
     """
     given = inputs.numbers(ranges, "ranges", missing=np.nan)
     count = len(given) if given.ndim == 2 else 0
@@ -67,6 +67,8 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     limit = np.inf if cutoff is None else inputs.number(cutoff, "cutoff")
     if not limit > 0:
         raise ValueError(f"cutoff: expected a number > 0, found {cutoff}")
+    if cutoff is not None and not 1e-100 < limit < 1e100:
+        raise ValueError("cutoff: its square is out of range")
     if count <= dim:
         raise ValueError(f"ranges: expected those of {dim + 1} devices or more in {dim} dimensions, found {count}")
     deviation = inputs.numbers(sigma, "sigma")
@@ -109,6 +111,9 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
             x, added, _ = network_of(trust).descend(x, added)
         trust = np.where(np.abs(residuals_of(x, added)) < limit, 1.0, 0.0)
     for _ in range(_SWEEPS):
+        few = np.flatnonzero((_pairs(given, measured * trust)[1] > 0).sum(1) < dim)
+        if limit < np.inf and few.size:
+            raise ValueError(f"cutoff: no places were found that agree with ranges of device {few[0]} to {dim} others")
         network = network_of(trust)
         if limit < np.inf:
             x = network.descend(x, added)[0]
