@@ -753,7 +753,7 @@ void bind_solution(py::module_& m) {
           py::arg("by_x"),
           "The derivatives of a function of the solution by all numbers of the system, from by_x (N, dim),\n"
           "those by the points: for each term a dict with an array of the shape of each column, None for\n"
-          "none; 0 for the parameters of losses. ValueError for a term that is not differentiable.")
+          "none. ValueError for a term that is not differentiable.")
       .def("__repr__", [](const BoundSolution& self) {
         return "<asterism.Solution: " + detail::counted(self.system().nodes(), "node") + ", dim " +
                std::to_string(self.system().dim()) + ">";

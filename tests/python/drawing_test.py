@@ -200,6 +200,23 @@ class RulesTest(unittest.TestCase):
             with self.subTest(message), self.assertRaisesRegex(error, message):
                 call()
 
+    def test_nothing_is_proven(self):
+        for edges, options in ((grid(6, 7), {"method": "sgd"}), (grid(3, 3), {"sizes": (0.5, 0.2)}), ([(0, 1)], {"method": "sgd"})):
+            drawn = asterism.layout(edges, **options)
+            self.assertTrue(np.isnan(drawn.gap))
+            self.assertIn("nothing proven", repr(drawn))
+
+    def test_stress_of_places_by_node(self):
+        edges = [("a", "b"), ("b", "c"), ("c", "d")]
+        drawn = asterism.layout(edges)
+        self.assertEqual(asterism.layout_stress(edges, dict(reversed(drawn.pos.items()))), asterism.layout_stress(edges, drawn.x))
+        with self.assertRaisesRegex(ValueError, "x: 'e' is not a node"):
+            asterism.layout_stress(edges, {"e": (0, 0)})
+        with self.assertRaisesRegex(ValueError, "x: expected finite numbers"):
+            asterism.layout_stress(edges, {"a": (0, 0)})
+        with self.assertRaisesRegex(ValueError, "another unit is needed"):
+            asterism.layout_stress(edges, 1e200 * drawn.x)
+
     def test_values_by_node(self):
         """Dicts from node to value stand for arrays in the order of the nodes."""
         edges = [("a", "b"), ("b", "c"), ("c", "d")]

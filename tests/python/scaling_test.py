@@ -38,9 +38,10 @@ class MdsTest(unittest.TestCase):
     def test_checks_of_scikit_learn(self):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            for estimator, check in sklearn.utils.estimator_checks.check_estimator(asterism.MDS(), generate_only=True):
-                with self.subTest(str(check)):
-                    check(estimator)
+            for made in (asterism.MDS(), asterism.MDS(3, metric=False)):
+                for estimator, check in sklearn.utils.estimator_checks.check_estimator(made, generate_only=True):
+                    with self.subTest(str(made), check=str(check)):
+                        check(estimator)
         changed = asterism.MDS(3, metric=False, n_init=2)
         self.assertEqual(sklearn.base.clone(changed).get_params(), changed.get_params())
 
@@ -64,6 +65,30 @@ class MdsTest(unittest.TestCase):
                 self.assertEqual(made.embedding_.shape, (60, dim))
                 self.assertLess(made.stress_, 1e-9)
                 np.testing.assert_allclose(distances_of(made.embedding_), distances_of(points), atol=1e-4)
+
+    @unittest.skipUnless(scipy, "needs SciPy")
+    def test_ends_at_a_minimum(self):
+        # Missing pairs, uneven weights and losses: what a tolerance that is enough for whole matrices leaves far above the minimum.
+        n = 20
+        i, j = np.triu_indices(n, 1)
+        for loss, dim, noise in (("quadratic", 2, 0), ("quadratic", 5, 0.2), ("huber", 2, 0.2), ("geman-mcclure", 3, 0.2), ("quadratic", 20, 0.1)):
+            with self.subTest(loss=loss, dim=dim):
+                plane = distances_of(self.random.normal(size=(n, min(dim, 5)))) * symmetric(np.exp(self.random.normal(scale=noise, size=(n, n))))
+                distances = np.where(symmetric(self.random.random((n, n)) < 0.5), np.nan, plane)
+                weights = symmetric(np.exp(2 * self.random.normal(size=(n, n))))
+                made = precomputed(dim, loss=loss, scale=None if loss == "quadratic" else 0.3).fit(distances, weights=weights)
+                known = ~np.isnan(distances[i, j])
+                d, w = distances[i, j][known], weights[i, j][known]
+
+                def of(x):
+                    square = (d - np.linalg.norm(np.diff(x.reshape(n, dim)[np.array([i, j]).T[known]], axis=1)[:, 0], axis=1)) ** 2
+                    if loss == "huber":
+                        square = np.where(square <= 0.09, square, 0.6 * np.sqrt(square) - 0.09)
+                    return np.sum(w * (square if loss != "geman-mcclure" else square / (1 + square / 0.09)))
+
+                least = scipy.optimize.minimize(of, made.embedding_.ravel(), options={"maxiter": 100}).fun
+                self.assertAlmostEqual(of(made.embedding_), made.stress_, delta=1e-9 * np.sum(w * d**2))
+                self.assertLessEqual(made.stress_ - least, 1e-4 * least + 1e-7 * np.sum(w * d**2))
 
     def test_is_mds_in_two_and_three_dimensions(self):
         for dim in (2, 3):
@@ -175,6 +200,19 @@ class MdsTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "a row of distances and weights for each point that is held"):
             asterism._asterism._place(held, away[:, :5].copy(), np.ones((1, 80)), np.empty((0, 5)), 1)
 
+    def test_new_points_on_a_line_are_at_the_lowest_minimum(self):
+        made = precomputed(1).fit(distances_of(self.random.normal(size=(30, 3))))
+        away = self.random.uniform(0, 4, size=(40, 30))
+        away[self.random.random(away.shape) < 0.2] = np.nan
+        weights = self.random.uniform(0, 2, away.shape)
+        grid = np.linspace(-10, 10, 20001)[:, None]
+        for given, w in ((made.transform(away), np.ones_like(away)), (made.transform(away, weights=weights), weights)):
+            for x, d, row in zip(given, away, w):
+                of = lambda y: np.nansum(row * (d - np.abs(y - made.embedding_[:, 0])) ** 2, axis=-1)
+                self.assertLessEqual(of(x), of(grid).min() * (1 + 1e-12))
+        away[3, 7] = 0
+        np.testing.assert_array_equal(made.transform(away)[3], made.embedding_[7])
+
     def test_new_points_leave_the_span_of_the_held_ones(self):
         for held in (np.zeros((1, 3)), np.ones((4, 2)), np.outer(self.random.normal(size=9), [1, 2, 0, -1])):
             new = self.random.normal(size=(20, held.shape[1]))
@@ -202,8 +240,9 @@ class MdsTest(unittest.TestCase):
 
     def test_the_number_of_jobs_changes_nothing(self):
         points = self.random.normal(size=(50, 5))
-        one, two = (asterism.MDS(2, n_init=6, n_jobs=jobs).fit(points) for jobs in (1, 2))
+        one, two, all_but_one = (asterism.MDS(2, n_init=6, n_jobs=jobs).fit(points) for jobs in (1, 2, -2))
         np.testing.assert_array_equal(one.embedding_, two.embedding_)
+        np.testing.assert_array_equal(one.embedding_, all_but_one.embedding_)
         new = self.random.normal(size=(200, 5))
         np.testing.assert_array_equal(one.transform(new), two.transform(new))
 
@@ -220,6 +259,22 @@ class MdsTest(unittest.TestCase):
         self.assertLessEqual(made.lower_bound_, asterism.mds(noisy, anchors=points, anchor_weights=3).stress)
         rough = precomputed(2, certify=True).fit(symmetric(self.random.uniform(0.5, 1.5, (12, 12))))
         self.assertTrue(np.isnan(rough.gap_) or 0 < rough.gap_ < 1)
+
+    def test_each_fit_stands_alone(self):
+        points, new = self.random.normal(size=(12, 3)), self.random.normal(size=(4, 3))
+        made = asterism.MDS(2, certify=True).fit(points)
+        placed = made.transform(new)
+        made.set_params(certify=False, n_components=3, metric=False, dissimilarity="precomputed")
+        np.testing.assert_array_equal(made.transform(new), placed)  # by what fit has found
+        self.assertEqual(list(made.get_feature_names_out()), ["mds0", "mds1"])
+        made.fit(distances_of(points))
+        self.assertFalse({"certificate_", "lower_bound_", "gap_"} & set(vars(made)))
+        made.set_params(metric=True).fit(distances_of(points))
+        self.assertFalse(hasattr(made, "disparities_"))
+        with self.assertRaises(ValueError):
+            made.fit(-distances_of(points))
+        with self.assertRaisesRegex(ValueError, "not fitted yet"):
+            made.transform(new)
 
     def test_a_pickle_goes_on(self):
         made = asterism.MDS(2).fit(self.random.normal(size=(20, 4)))
@@ -255,7 +310,9 @@ class MdsTest(unittest.TestCase):
             (lambda: precomputed(2.5).fit(good), TypeError, "n_components: expected an integer, found float"),
             (lambda: precomputed(200).fit(good), ValueError, "n_components: expected at most 64, found 200"),
             (lambda: precomputed(n_init=0).fit(good), ValueError, "n_init: expected >= 1"),
-            (lambda: precomputed(n_jobs=-2).fit(good), ValueError, "n_jobs: expected >= 1"),
+            (lambda: precomputed(n_jobs=0).fit(good), ValueError, "n_jobs: expected >= 1"),
+            (lambda: precomputed(loss="huber", scale=0).fit(good), ValueError, "scale: expected a finite number > 0, found 0"),
+            (lambda: precomputed(loss="huber", scale=[1, 2]).fit(good), ValueError, r"scale: expected shape \(\), found \(2,\)"),
             (lambda: precomputed(eps="1e-3").fit(good), TypeError, "eps: expected numbers, found <U4"),
             (lambda: precomputed(certify="no").fit(good), ValueError, "certify: expected True or False, found 'no'"),
             (lambda: precomputed(eps=0).fit(good), ValueError, "eps: expected a finite number > 0, found 0"),
@@ -275,6 +332,8 @@ class MdsTest(unittest.TestCase):
             (lambda: asterism.MDS().fit([[0, np.nan]]), ValueError, r"X: \[0, 1\] is nan"),
             (lambda: asterism.MDS().fit(np.ma.masked_equal(good, 0)), TypeError, "masked"),
             (lambda: asterism.MDS().transform(good), ValueError, "not fitted yet"),
+            (lambda: asterism.MDS().get_feature_names_out(), ValueError, "not fitted yet"),
+            (lambda: fitted.transform(1e60 * good), ValueError, r"X: a point has the distance 1e\+60 from points that lie within"),
             (lambda: fitted.transform(good[:, :3]), ValueError, "X has 3 features, but MDS is expecting 4"),
             (lambda: fitted.transform(np.full((2, 4), np.nan)), ValueError, "X: row 0 has no known distance"),
             (lambda: fitted.transform(-good - 1), ValueError, "X: expected distances >= 0"),

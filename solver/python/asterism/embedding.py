@@ -227,14 +227,15 @@ def layout_stress(
 ) -> float:
     """The stress of a drawing, also one of another program: that of layout, over all pairs of nodes that a path joins.
 
-    graph, power, length: as for layout. x: (N, 2) or (N, 3), a row for each node, in the order of layout's `nodes`.
+    graph, power, length: as for layout. x: (N, 2) or (N, 3), a row for each node, in the order of layout's `nodes`; or a dict from node
+        to place, as networkx has it.
     scaled: of the drawing enlarged or shrunk to its least stress, for programs that draw in a unit of their own.
 
     Takes memory of N and time of N^2, twice that if scaled.
     """
     power, scaled = inputs.number(power, "power"), inputs.choice(scaled, "scaled", (True, False))
     nodes, edges, _, _ = _graph_of(graph, length)
-    points = np.array(inputs.numbers(x, "x"))
+    points = np.array(inputs.numbers(inputs.by_node(x, "x", nodes), "x"))
     if points.shape not in ((len(nodes), 2), (len(nodes), 3)):
         raise ValueError(f"x: expected shape {(len(nodes), 2)} or {(len(nodes), 3)}, found {points.shape}")
     if not np.isfinite(points).all():
@@ -245,7 +246,10 @@ def layout_stress(
         points /= np.abs(points).max() or 1.0
         _, product, square = edges.graph.stress_sums(points, power)
         points *= product / square if square > 0 else 1.0
-    return float(edges.graph.stress_sums(points, power)[0])
+    stress = float(edges.graph.stress_sums(points, power)[0])
+    if not np.isfinite(stress):
+        raise ValueError(f"x: coordinates of up to {np.abs(points).max():g}: another unit is needed, as the stress would leave the range of float64")
+    return stress
 
 
 def _path_weights(lengths: _Floats, power: float) -> _Floats:
@@ -738,7 +742,7 @@ def _draw(
     if not (np.isfinite(stress) and np.isfinite(x).all()):
         raise ValueError(f"lengths of up to {edges.unit}: another unit is needed, as the stress would leave the range of float64")
     x = _in_rows(x, edges.components, hold, edges.unit) if rules is None else x
-    return Embedding(x, stress, 0.0, 1.0 if stress > 0 else 0.0, None, summary, None, nodes, _parts(edges.components, hold))
+    return Embedding(x, stress, 0.0, np.nan, None, summary, None, nodes, _parts(edges.components, hold))
 
 
 def _free(known: Known, edges: _Edges, power: float, method: str, partners: int | None, options: dict[str, Any]) -> Embedding:

@@ -18,6 +18,13 @@ _Indices = npt.NDArray[np.intp]
 _Start = Callable[[], _Floats]
 _Found = tuple[float, _Floats, int, "_Floats | None"]  # of one start: the stress, points, iterations, and disparities without metric
 _LOSSES = ("quadratic", "huber", "geman-mcclure")
+_FARTHEST = 1e30  # distances of new points, in sizes of the map
+_FINER = 1e-2  # the tolerance of the last solve, as a share of that of the starts
+# What fit leaves; a fit first removes what an earlier one left.
+_FITTED = (
+    "embedding_", "stress_", "n_iter_", "dissimilarity_matrix_", "n_features_in_", "feature_names_in_", "certificate_", "lower_bound_",
+    "gap_", "disparities_", "_fitted_features", "_curve", "_residuals",
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -54,11 +61,10 @@ class MDS:
         anchors.
     n_init: number of starts. None: as for mds, 32 up to 100 points, 8 up to 300, and two for more. The first is classical scaling, the
         others are random.
-    max_iter: of each start. eps: the solver's tolerance, without unit (1e-3 leaves the stress within some 1e-4 of the
-        minimum's, 1e-5 within 1e-8); for
-        metric=False also the share of the stress by which a regression has to lower it.
-    n_jobs: starts, and points of transform, that are computed at a time; None: 1, -1: as many as the machine runs at once. The result
-        does not depend on it.
+    max_iter: of each start. eps: the solver's tolerance for each start, without unit; from the lowest, the solver goes on to a
+        hundredth of it, within max_iter. For metric=False also the share of the stress by which a regression has to lower it.
+    n_jobs: starts, and points of transform, that are computed at a time; None: 1, -1: as many as the machine runs at once, -2: one
+        less, and so on. The result does not depend on it.
     random_state: an integer, a RandomState or Generator of NumPy, or None for 1: results are the same in every run.
     dissimilarity: "euclidean": X are points (N, features), and their Euclidean distances are taken; "precomputed": X is a matrix of
         distances as mds takes it, in which pairs may be missing (NaN, masked, or not stored in a sparse matrix).
@@ -126,12 +132,15 @@ class MDS:
         TypeError names what is wrong.
         """
         self._check()
+        for name in _FITTED:
+            vars(self).pop(name, None)
         problem = self._problem(X, weights, anchors, anchor_weights)
         self._remember_columns(X, problem.n)
         starts = self._starts(problem, init)
         system, _ = self._system(problem)
-        solve = (lambda x: self._solved(system, x, self.max_iter)) if self.metric else (lambda x: self._ordered(problem, x))
-        self._keep(problem, system, self._lowest(problem, starts, solve))
+        eps = float(self.eps)
+        solve = (lambda x: self._solved(system, x, self.max_iter, eps)) if self.metric else (lambda x: self._ordered(problem, x, self.max_iter, eps))
+        self._keep(problem, system, self._finished(problem, system, self._lowest(problem, starts, solve)))
         if self.certify:
             self._prove(problem, system)
         return self
@@ -146,7 +155,8 @@ class MDS:
         X: points (M, features), or, precomputed, their distances (M, N) from the points of fit, where NaN (or masked) is not known.
         weights: (M, N), >= 0, of these distances; None: 1.
 
-        A point goes down to a minimum of its stress, up to 5 dimensions to the lower of two, which is nearly always the lowest.
+        A point goes down to a minimum of its stress, up to 5 dimensions to the lower of two, which is nearly always the lowest; in one
+        dimension without a loss it is the lowest.
 
         among: how many points of fit each new one is placed among. They are drawn at random, the same for all new points, and the time
             is proportional to their number. All points of fit count where distances are missing or have weights. With N = 2000, new
@@ -154,10 +164,7 @@ class MDS:
 
         A point whose distance from one of these is 0 is placed on it. ValueError for a point without a known distance, and before fit.
         """
-        if not hasattr(self, "embedding_"):
-            raise _not_fitted()(
-                f"This {type(self).__name__} instance is not fitted yet. Call 'fit' with appropriate arguments before using this estimator."
-            )
+        self._check_is_fitted()
         held, threads = self.embedding_, self._threads()
         if np.ma.isMaskedArray(X):
             X = np.ma.asarray(X).astype(np.float64).filled(np.nan)
@@ -172,6 +179,7 @@ class MDS:
         if not is_all and inputs.count(among, "among") < len(held):
             chosen = np.random.default_rng(0).permutation(len(held))[:among]
         places = np.ascontiguousarray(held[chosen])
+        size = float(np.ptp(held, axis=0).max())
         result = np.empty((count, dim))
         rows = max(1, 4_000_000 // len(chosen))  # 32 MB of distances
         for first in range(0, count, rows):
@@ -182,7 +190,9 @@ class MDS:
                     raise ValueError("X: expected distances >= 0 and finite, or NaN where one is not known")
             else:
                 distances = _asterism._distances(table[part], self._fitted_features[chosen], threads)
-            if not self.metric:
+            if (most := np.nanmax(distances, initial=0)) > _FARTHEST * (size or 1):
+                raise ValueError(f"X: a point has the distance {most:g} from points that lie within {size:g}; float64 cannot place it")
+            if self._curve is not None:
                 distances = _of_curve(self._curve, distances)
             own = np.ones((1, len(chosen))) if shares is None else shares[part]
             result[part] = self._placed(places, distances, np.ascontiguousarray(own), threads)
@@ -191,8 +201,9 @@ class MDS:
         return result
 
     def get_feature_names_out(self, input_features: Any = None) -> npt.NDArray[Any]:
-        """mds0, mds1, ...: names of the columns of the embedding."""
-        return np.array([f"mds{k}" for k in range(int(self.n_components))], dtype=object)
+        """mds0, mds1, ...: names of the columns of the embedding; after fit."""
+        self._check_is_fitted()
+        return np.array([f"mds{k}" for k in range(self.embedding_.shape[1])], dtype=object)
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """The arguments of the constructor, by name."""
@@ -232,9 +243,17 @@ class MDS:
             input_tags=InputTags(pairwise=is_given, allow_nan=is_given, sparse=is_given),
         )
 
+    def _check_is_fitted(self) -> None:
+        if not hasattr(self, "embedding_"):
+            raise _not_fitted()(
+                f"This {type(self).__name__} instance is not fitted yet. Call 'fit' with appropriate arguments before using this estimator."
+            )
+
     def _threads(self) -> int:
         jobs = 1 if self.n_jobs is None else self.n_jobs
-        return inputs.processors() if isinstance(jobs, (int, np.integer)) and jobs == -1 else inputs.count(jobs, "n_jobs")
+        if isinstance(jobs, (int, np.integer)) and jobs < 0:
+            return max(inputs.processors() + 1 + int(jobs), 1)
+        return inputs.count(jobs, "n_jobs")
 
     def _check(self) -> None:
         if inputs.count(self.n_components, "n_components") > 64:
@@ -254,6 +273,8 @@ class MDS:
             inputs.choice(getattr(self, name), name, among, " for non-metric scaling" if name == "metric" else "")
         if (self.loss == "quadratic") != (self.scale is None):
             raise ValueError(f"scale: expected {'None' if self.loss == 'quadratic' else 'a number'} for loss={self.loss!r}, found {inputs.shown(self.scale)}")
+        if self.scale is not None:
+            inputs.positive(self.scale, "scale")
         if not self.metric and (self.loss != "quadratic" or self.certify):
             raise ValueError("metric: non-metric scaling has neither a loss nor a certificate; use metric=True")
 
@@ -272,8 +293,6 @@ class MDS:
         columns = _column_names(X)
         if columns is not None:
             self.feature_names_in_ = columns
-        elif hasattr(self, "feature_names_in_"):
-            del self.feature_names_in_
 
     def _check_columns(self, X: Any, found: int) -> None:
         if found != self.n_features_in_:
@@ -286,6 +305,7 @@ class MDS:
 
     def _problem(self, X: Any, weights: Any, anchors: Any, anchor_weights: Any) -> _Problem:
         self._fitted_features: _Floats | None = None
+        self._residuals = self.loss, self.scale
         if self.dissimilarity == "euclidean":
             self._fitted_features = features = _features(X)
             n = len(features)
@@ -359,7 +379,8 @@ class MDS:
 
     def _keep(self, problem: _Problem, system: _asterism.System, found: _Found) -> None:
         """Sets what fit leaves."""
-        _, x, self.n_iter_, disparities = found
+        _, x, iterations, disparities = found
+        self.n_iter_ = max(iterations, 1)  # scikit-learn knows no solve that starts at the minimum
         self.embedding_ = x = embedding._side_by_side(x, problem.components, problem.hold)
         self.dissimilarity_matrix_ = np.full((problem.n, problem.n), np.nan)
         np.fill_diagonal(self.dissimilarity_matrix_, 0)
@@ -367,7 +388,7 @@ class MDS:
         self.dissimilarity_matrix_[i, j] = self.dissimilarity_matrix_[j, i] = problem.lengths
         if disparities is not None:
             self.disparities_ = disparities
-            self._curve = _curve(problem.lengths, disparities)
+        self._curve = None if disparities is None else _curve(problem.lengths, disparities)
         if self.normalized_stress is True or (self.normalized_stress == "auto" and not self.metric):
             self.stress_ = _stress_1(problem, x, problem.lengths if disparities is None else disparities)
         elif disparities is None:
@@ -382,15 +403,24 @@ class MDS:
         rounding = embedding.rounding_of(x, problem.pairs, problem.lengths, problem.weights)
         self.gap_ = embedding.proven_gap(stress, self.lower_bound_, rounding)
 
-    def _solved(self, system: _asterism.System, x: _Floats, most: int) -> _Found:
+    def _finished(self, problem: _Problem, system: _asterism.System, found: _Found) -> _Found:
+        """The lowest result, from which the solver has gone on to a finer tolerance."""
+        _, x, iterations, _ = found
+        if (most := self.max_iter - iterations) < 1:
+            return found
+        eps = _FINER * float(self.eps)
+        last = self._solved(system, x, most, eps, "auto") if self.metric else self._ordered(problem, x, most, eps)
+        return last[0], last[1], iterations + last[2], last[3]
+
+    def _solved(self, system: _asterism.System, x: _Floats, most: int, eps: float, method: str | None = None) -> _Found:
         """Scaling from a start."""
-        method = "auto" if self.loss in ("quadratic", "huber") else "graduated"
-        summary = system.solve(x, method, tolerance=float(self.eps), max_iterations=most)
+        method = method or ("auto" if self.loss in ("quadratic", "huber") else "graduated")
+        summary = system.solve(x, method, tolerance=eps, max_iterations=most)
         if not summary:
             raise ValueError(summary.message)
         return summary.final_energy, x, summary.iterations, None
 
-    def _ordered(self, problem: _Problem, x: _Floats) -> _Found:
+    def _ordered(self, problem: _Problem, x: _Floats, limit: int, eps: float) -> _Found:
         """Non-metric scaling: isotonic regression and scaling in turn. The stress is Kruskal's stress-1."""
         system, links = self._system(problem)
         if links is None:
@@ -406,24 +436,27 @@ class MDS:
             if not disparities.any():  # all distances are 0, and so are the places
                 return 0.0, x, iterations, disparities
             last, stress = stress, _stress_1(problem, x, disparities)
-            if last - stress <= float(self.eps) * stress or iterations >= self.max_iter:
+            if last - stress <= eps * stress or iterations >= limit:
                 return stress, x, iterations, disparities
             unit = float(np.sqrt(total / np.sum(weights * disparities**2)))
             links.length = unit * disparities
             x = unit * x
-            most = min(10, self.max_iter - iterations)
-            iterations += self._solved(system, x, most)[2]
+            iterations += self._solved(system, x, min(10, limit - iterations), eps)[2]
 
     def _placed(self, held: _Floats, distances: _Floats, weights: _Floats, threads: int) -> _Floats:
-        none = np.empty((0, held.shape[1]))
-        x = _asterism._place(held, distances, weights, none, threads)
-        if self.loss == "quadratic":
+        if held.shape[1] == 1:
+            some = [slice(k, k + 500) for k in range(0, len(distances), 500)]  # so few stay in the cache
+            x = np.concatenate([_on_a_line(held[:, 0], distances[k], weights if len(weights) == 1 else weights[k]) for k in some])
+        else:
+            x = _asterism._place(held, distances, weights, np.empty((0, held.shape[1])), threads)
+        loss, scale = self._residuals
+        if loss == "quadratic":
             return x
         # Iteratively reweighted least squares: each round has no more loss than the one before.
         for _ in range(50):
             with np.errstate(invalid="ignore"):
-                residuals = np.abs(distances - _asterism._distances(x, held, threads)) / self.scale
-            last, x = x, _asterism._place(held, distances, weights * _weight_of_loss(self.loss, residuals), x, threads)
+                residuals = np.abs(distances - _asterism._distances(x, held, threads)) / scale
+            last, x = x, _asterism._place(held, distances, weights * _weight_of_loss(loss, residuals), x, threads)
             if not np.nanmax(np.abs(x - last), initial=0) > 1e-9 * np.ptp(held):
                 break
         return x
@@ -441,6 +474,30 @@ def _stress_1(problem: _Problem, x: _Floats, wanted: _Floats) -> float:
     reached = embedding.lengths_of(x, problem.pairs)
     square = float(np.sum(problem.weights * reached**2))
     return float(np.sqrt(np.sum(problem.weights * (wanted - reached) ** 2) / square)) if square > 0 else 0.0
+
+
+def _on_a_line(held: _Floats, distances: _Floats, weights: _Floats) -> _Floats:
+    """The places (M, 1) of least stress in one dimension, where the stress is a parabola between any two neighbours."""
+    order = np.argsort(held)
+    at, d = held[order], distances[:, order]
+    w = np.where(np.isnan(d), 0.0, weights[:, order])
+    d = np.where(w > 0, d, 0.0)
+    below, above = np.zeros((2, len(d), len(at) + 1))
+
+    def sums(of: Callable[[_Floats], _Floats]) -> _Floats:
+        """For each gap between neighbours, over the points left of it, which pull to the right, and over the others."""
+        below[:, 1:] = np.cumsum(w * of(at + d), axis=1)
+        above[:, :-1] = np.cumsum((w * of(at - d))[:, ::-1], axis=1)[:, ::-1]
+        return below + above
+
+    total = w.sum(axis=1)[:, None]
+    with np.errstate(invalid="ignore"):  # NaN where no distance is known
+        first = sums(lambda place: place) / total
+        x = np.clip(first, np.append(-np.inf, at), np.append(at, np.inf))
+        stress = sums(np.square) / total - 2 * x * first + x**2
+    least = np.take_along_axis(x, stress.argmin(axis=1)[:, None], axis=1)
+    is_there = (distances == 0) & (weights > 0)
+    return np.where(is_there.any(axis=1), held[is_there.argmax(axis=1)], least[:, 0])[:, None]
 
 
 def _weight_of_loss(loss: str, residuals: _Floats) -> _Floats:

@@ -221,6 +221,9 @@ void CommonLength::add_mixed(const Points& x, const Points& w, std::span<Eigen::
     const auto phi = phi_of(e);
     number(kLength, e) -= k * phi.second * (along[e] + share);
     number(kStiffness, e) += phi.first * (along[e] + share);
+    const double s = ranges[e] - b;
+    detail::add_by_loss(loss(), scale[e], nullptr, s * s, detail::loss_at(loss(), scale[e], nullptr, s * s),
+                        k * s * (along[e] + share), e, by);
   }
   number(kPrior, 0) += share * *numbers(kPriorStiffness)[0];
   number(kPriorStiffness, 0) -= share * (b - *numbers(kPrior)[0]);

@@ -674,6 +674,11 @@ void LengthTerm::add_mixed(const Points& x, const Points& w, std::span<Eigen::Ma
             column(kUpper)[0] += force.tension > 0 ? -force.along * along : 0;
           }
           column(kStiffness)[0] += force.tension / k * along;
+          const Stretch s = stretch_of(law(), force.length, *at_rest, numbers(kUpper)[e]);
+          const double square = s.value * s.value;
+          const auto rho = detail::loss_at(loss(), scale()[e], sharpness()[e], square);
+          detail::add_by_loss(loss(), scale()[e], sharpness()[e], square, rho, k * along * s.value * s.first,
+                              e, by);
           if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
           if (by[kOffset].size() > 0)
             column(kOffset) -= (force.along - force.across) * along * u + force.across * (shape * delta);

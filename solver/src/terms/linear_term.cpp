@@ -258,8 +258,22 @@ void LinearTerm::add_mixed(const Points& x, const Points& w, std::span<Eigen::Ma
       if (information) shaped_delta = Eigen::Map<const BlockOf<D>>(information[e], dim, dim) * delta;
       const double along = delta.dot(shaped);
       const auto column = [&](std::size_t i) { return by[i].col(by[i].cols() == 1 ? 0 : e); };
-      column(0) -= k * rho.first * shaped_delta + (2 * k * rho.second * along) * shaped;
+      const PointOf<D> by_d = k * rho.first * shaped_delta + (2 * k * rho.second * along) * shaped;
+      column(0) -= by_d;
       column(1)[0] += rho.first * along;
+      for (int a = 0; arity() == 3 && a < 3; ++a) {  // of C_a, by which d and delta change
+        const int node = nodes()(a, e);
+        const BlockOf<D> by_matrix =
+            by_d * x.col(node).transpose() + (k * rho.first) * shaped * w.col(node).transpose();
+        auto numbers = column(3U + static_cast<std::size_t>(a));
+        if (numbers.size() == 1) {
+          numbers[0] += by_matrix.trace();
+        } else {
+          numbers += Eigen::Map<const Eigen::VectorXd>(by_matrix.data(), dim * dim);
+        }
+      }
+      detail::add_by_loss(loss(), scale()[e], sharpness()[e], std::max(d.dot(shaped), 0.0), rho, k * along, e,
+                          by);
       if (information) {
         const BlockOf<D> both = delta * d.transpose();
         const BlockOf<D> shape =

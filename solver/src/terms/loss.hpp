@@ -3,6 +3,7 @@
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <asterism/solver/terms/term.hpp>
+#include <span>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -44,6 +45,21 @@ inline Derivatives<double> loss_at(Loss loss, const double* scale, const double*
 /// The energy 1/2 k rho(s^2) of a scalar residual s as a function of s, and its derivatives, for k = 1.
 inline Derivatives<double> of_residual(const Derivatives<double>& rho, double s) {
   return {rho.value / 2, rho.first * s, rho.first + 2 * s * s * rho.second};
+}
+
+/// Adds the derivatives of factor rho' by the scale and the sharpness to the last two of a term's columns.
+inline void add_by_loss(Loss loss, const double* scale, const double* sharpness, double s,
+                        const Derivatives<double>& rho, double factor, int element,
+                        std::span<Eigen::MatrixXd> by) {
+  if (loss == Loss::Quadratic || rho.second == 0) return;
+  const auto add = [&](Eigen::MatrixXd& column, double value) {
+    column(0, column.cols() == 1 ? 0 : element) += factor * value;
+  };
+  // rho is the square of the scale times a function of s over that square.
+  add(by[by.size() - 2], -2 * s * rho.second / *scale);
+  if (loss != Loss::Truncated) return;
+  const double root = rho.first + *sharpness;  // see Truncated
+  add(by[by.size() - 1], *scale * *scale * (2 * *sharpness + 1) / (2 * s * root) - 1);
 }
 
 /// The least of the derivative rho' + 2 s rho'' over all s, in any direction the least curvature of

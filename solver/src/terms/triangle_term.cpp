@@ -146,7 +146,7 @@ double Areas::value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
   return plane.a * plane.b * plane.sine / 2;
 }
 
-// Calls visit(element, phi, gradient of s, second derivatives of s, k).
+// Calls visit(element, phi, gradient of s, second derivatives of s, k, s).
 template <typename Visit>
 void TriangleTerm::for_each(const Points& x, bool needs_second, Visit&& visit) const {
   const Numbers rest = numbers(kRest), stiffness = numbers(kStiffness);
@@ -159,7 +159,7 @@ void TriangleTerm::for_each(const Points& x, bool needs_second, Visit&& visit) c
     for (int a = 0; a < 3; ++a) corners.col(a) = x.col(nodes()(a, e));
     const double s = value(corners, gradient, needs_second ? &second : nullptr) - *rest[e];
     visit(e, detail::of_residual(detail::loss_at(loss(), scale[e], sharpness[e], s * s), s), gradient, second,
-          k);
+          k, s);
   }
 }
 
@@ -167,7 +167,7 @@ double TriangleTerm::energy(const Points& x, Points* gradient) const {
   double energy = 0;
   for_each(x, false,
            [&](int e, const Derivatives<double>& phi, const Eigen::VectorXd& of_s, const Eigen::MatrixXd&,
-               double k) {
+               double k, double) {
              energy += k * phi.value;
              for (int a = 0; gradient != nullptr && a < 3; ++a)
                gradient->col(nodes()(a, e)) += k * phi.first * of_s.segment(a * dim(), dim());
@@ -179,7 +179,7 @@ void TriangleTerm::add_curvature(const Points& x, Curvature curvature, Curvature
   const bool is_true = curvature == Curvature::True;
   for_each(x, is_true,
            [&](int e, const Derivatives<double>& phi, const Eigen::VectorXd& of_s,
-               const Eigen::MatrixXd& second, double k) {
+               const Eigen::MatrixXd& second, double k, double) {
              Eigen::MatrixXd matrix =
                  (k * (is_true ? phi.second : std::max(phi.second, 0.0))) * of_s * of_s.transpose();
              if (is_true) matrix += k * phi.first * second;
@@ -195,24 +195,26 @@ const char* TriangleTerm::problem_with(Curvature curvature) const {
 
 // The curvature where the residual is 0.
 void TriangleTerm::add_scales(const Points& x, Scales& scales) const {
-  for_each(
-      x, false,
-      [&](int e, const Derivatives<double>&, const Eigen::VectorXd& of_s, const Eigen::MatrixXd&, double k) {
-        for (int a = 0; a < 3; ++a)
-          scales.hold(nodes()(a, e), k * of_s.segment(a * dim(), dim()).squaredNorm());
-      });
+  for_each(x, false,
+           [&](int e, const Derivatives<double>&, const Eigen::VectorXd& of_s, const Eigen::MatrixXd&,
+               double k, double) {
+             for (int a = 0; a < 3; ++a)
+               scales.hold(nodes()(a, e), k * of_s.segment(a * dim(), dim()).squaredNorm());
+           });
 }
 
 // w . g = k phi'(s) (ds . w).
 void TriangleTerm::add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const {
   for_each(x, false,
            [&](int e, const Derivatives<double>& phi, const Eigen::VectorXd& of_s, const Eigen::MatrixXd&,
-               double k) {
+               double k, double s) {
              double along = 0;
              for (int a = 0; a < 3; ++a) along += of_s.segment(a * dim(), dim()).dot(w.col(nodes()(a, e)));
              const auto column = [&](std::size_t i) { return by[i].col(by[i].cols() == 1 ? 0 : e); };
              column(kRest)[0] -= k * phi.second * along;
              column(kStiffness)[0] += phi.first * along;
+             const auto rho = detail::loss_at(loss(), scale()[e], sharpness()[e], s * s);
+             detail::add_by_loss(loss(), scale()[e], sharpness()[e], s * s, rho, k * along * s, e, by);
            });
 }
 

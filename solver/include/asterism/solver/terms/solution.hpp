@@ -46,8 +46,8 @@ class ASTERISM_API Solution {
   double log_determinant() const;
 
   /// The derivatives of a loss by all numbers of the system, from those by the points of the solution
-  /// (implicit function theorem): for each term, one matrix of the size of each of its columns, 0 for losses'
-  /// parameters and for the numbers of elements without stiffness. Throws as above, and std::invalid_argument
+  /// (implicit function theorem): for each term, one matrix of the size of each of its columns, 0 for the
+  /// numbers of elements without stiffness. Throws as above, and std::invalid_argument
   /// for a term that is not differentiable.
   std::vector<std::vector<Eigen::MatrixXd>> gradients(const Eigen::MatrixXd& by_x) const;
 
