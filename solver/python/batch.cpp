@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 
 #include <asterism/solver/base/counted.hpp>
+#include <limits>
 #include <optional>
 
 #include "bindings.hpp"
@@ -299,8 +300,11 @@ void bind_batch(py::module_& m) {
   def_verdict<double>(
       type, "stationarity", [](auto& b, int i) { return b.stationarity(i); }, "(M,), -1 until known.");
   def_verdict<double>(
-      type, "lower_bound", [](auto& b, int i) { return b.lower_bound(i); },
-      "(M,), lower bounds of the least energies; -1 without the option gap.");
+      type, "lower_bound",
+      [](auto& b, int i) {
+        return b.lower_bound(i) < 0 ? std::numeric_limits<double>::quiet_NaN() : b.lower_bound(i);
+      },
+      "(M,), lower bounds of the least energies; NaN without the option gap.");
 }
 
 }  // namespace asterism::python

@@ -6,6 +6,7 @@
 #include <asterism/solver/base/counted.hpp>
 #include <asterism/solver/problem/validate.hpp>
 #include <cstring>
+#include <limits>
 #include <optional>
 #include <sstream>
 
@@ -155,8 +156,12 @@ void bind_solvers(py::module_& m) {
       .def_readonly("factorizations", &Summary::factorizations, "Of a matrix.")
       .def_readonly("initial_energy", &Summary::initial_energy, "E at the x given.")
       .def_readonly("final_energy", &Summary::final_energy, "E at the x returned.")
-      .def_readonly("lower_bound", &Summary::lower_bound,
-                    "No x has less energy; -1 where no such bound is known, as without the option gap.")
+      .def_property_readonly(
+          "lower_bound",
+          [](const Summary& s) {
+            return s.lower_bound < 0 ? std::numeric_limits<double>::quiet_NaN() : s.lower_bound;
+          },
+          "No x has less energy; NaN where no such bound is known, as without the option gap.")
       .def_readonly("gradient_norm", &Summary::gradient_norm, "|dE/dx| at the x returned.")
       .def_readonly("stationarity", &Summary::stationarity, "At the x returned; see stationarity().")
       .def_property_readonly(

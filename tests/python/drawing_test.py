@@ -338,6 +338,59 @@ class BoxesTest(unittest.TestCase):
         y = {node: place[1] for node, place in ring.pos.items()}
         self.assertTrue(y["c"] - y["d"] >= 1 and y["e"] - y["a"] >= 1 and y["f"] - y["g"] >= 1)
 
+    def test_heights_that_contradict(self):
+        chain = [("a", "b"), ("b", "c"), ("c", "d")]
+        held = {"anchors": {"a": (0, 1), "d": (0, 0)}, "anchor_weights": np.inf}
+        for options, message in (
+            ({"layers": {"a": 0, "b": 1}}, "downward: 'b' has to be at y -0.5 or below, as 'a' is at 0, but is at 1"),
+            ({"layers": {"a": 1, "d": 0}}, "downward: 'd' has to be at y -0.5 or below, as 'a' is at 1, but is at 0"),
+            (held, "downward: 'd' has to be at y -0.5 or below"),
+            ({"layers": {"a": 1}, "aligned": [("y", ["a", "d"])]}, "downward: 'a' cannot be above 'b', as nodes of the same y"),
+            ({"aligned": [("y", ["a", "b"])]}, "downward: 'a' cannot be above 'b', as nodes of the same y"),
+        ):
+            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
+                asterism.layout(chain, downward=0.5, **options)
+        drawn = asterism.layout(chain, downward=0.5, layers={"a": 1.5, "d": 0})
+        np.testing.assert_allclose([drawn.pos[node][1] for node in "abcd"], [1.5, 1, 0.5, 0])
+        # In random graphs, what is refused has no solution, and what is not is drawn.
+        from scipy.optimize import linprog
+
+        random = np.random.default_rng(3)
+        refused = 0
+        for _ in range(40):
+            n = 7
+            edges = [(int(i), int(j)) for i, j in random.integers(n, size=(8, 2)) if i < j] + [(n - 2, n - 1)]
+            layers = np.where(random.random(n) < 0.5, -0.7 * np.arange(n) + random.normal(size=n), np.nan)
+            nodes = sorted({node for edge in edges for node in edge})
+            rows = np.zeros((len(edges), n))
+            for row, (i, j) in zip(rows, edges):
+                row[j], row[i] = 1, -1
+            bounds = [(None, None) if np.isnan(y) else (y, y) for y in layers]
+            is_possible = linprog(np.zeros(n), rows, np.full(len(edges), -0.5), bounds=bounds).status == 0
+            options = {"downward": 0.5, "layers": {str(k): layers[k] for k in nodes}}
+            named = [(str(i), str(j)) for i, j in edges]
+            if is_possible:
+                asterism.layout(named, **options)
+            else:
+                refused += 1
+                with self.assertRaisesRegex(ValueError, "downward: .* has to be at y"):
+                    asterism.layout(named, **options)
+        self.assertTrue(5 < refused < 35)
+
+    def test_there_is_always_room_in_layers(self):
+        """No coordinate but y is given, so that all boxes fit beside each other."""
+        random = np.random.default_rng(7)
+        for trial in range(12):
+            n = int(random.integers(10, 40))
+            edges = [(i, j) for i in range(n) for j in range(i)] if trial % 2 else preferential(n, trial)
+            sizes = random.uniform(0.1, 1, size=(n, 2))
+            layers = np.where(random.random(n) < 0.5, random.integers(0, 4, n), np.nan)
+            x = asterism.layout(edges, sizes=sizes, layers=layers).x
+            given = ~np.isnan(layers)
+            np.testing.assert_array_equal(x[given, 1], layers[given])
+            apart = (np.abs(x[:, None] - x) >= (sizes[:, None] + sizes) / 2).any(axis=2)
+            self.assertTrue((apart | np.eye(n, dtype=bool)).all())
+
     def test_groups(self):
         edges, random = grid(7, 7), np.random.default_rng(5)
         for sizes in (np.full((49, 2), (0.4, 0.3)), None):
@@ -381,8 +434,8 @@ class BoxesTest(unittest.TestCase):
             (lambda: asterism.layout(pairs, aligned=3), TypeError, "aligned: expected a list of pairs of an axis and nodes, found int"),
             (lambda: asterism.layout(pairs, groups="ab"), TypeError, "groups: expected a list of lists of nodes, found str"),
             (lambda: asterism.layout(pairs, layers=[1, 2, 3], anchors=pins, anchor_weights=np.inf), ValueError, "layers: 'a' is held on"),
-            (lambda: asterism.layout(pairs, downward=1, layers=[0, 1, 2]), ValueError, "no places were found"),
-            (lambda: asterism.layout(pairs, downward=1, aligned=[("y", ["a", "b"])]), ValueError, "no places were found"),
+            (lambda: asterism.layout(pairs, downward=1, layers=[0, 1, 2]), ValueError, "downward: 'b' has to be at y -1 or below"),
+            (lambda: asterism.layout(pairs, downward=1, aligned=[("y", ["a", "b"])]), ValueError, "downward: 'a' cannot be above 'b'"),
             (lambda: asterism.layout(pairs, node_size=3), TypeError, "here it is 'sizes', the width and the height"),
             (lambda: asterism.remove_overlaps([1, 2], (1, 1)), ValueError, r"x: expected shape \(N, 2\), found \(2,\)"),
             (lambda: asterism.remove_overlaps([[1, np.nan]], (1, 1)), ValueError, "x: expected finite numbers"),

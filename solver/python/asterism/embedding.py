@@ -849,6 +849,6 @@ def embed(
     x = _side_by_side(x, components, hold)
     certificate = _asterism.certify(system, x) if prove else None
     stress = 2 * _asterism.energy(system, x)
-    lower_bound = min(max(2 * certificate.lower_bound if certificate else 0.0, 2 * summary.lower_bound, 0.0), stress)
+    lower_bound = min(float(np.nanmax([2 * certificate.lower_bound if certificate else 0.0, 2 * summary.lower_bound, 0.0])), stress)
     gap = proven_gap(stress, lower_bound, rounding_of(x, system.topology.links, lengths, weights))
     return Embedding(x, stress, lower_bound, gap, certificate, summary, system, known.nodes, _parts(components, hold))

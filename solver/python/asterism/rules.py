@@ -158,6 +158,7 @@ class Rules:
                 if fixed[node, axis] != fixed[other := first[self.aligned[node, axis]], axis]:
                     a, b = self._nodes[other], self._nodes[node]
                     raise ValueError(f"aligned: {a!r} and {b!r} have to be at {_AXES[axis]} {fixed[other, axis]} and {fixed[node, axis]}")
+        self._check_heights(fixed[:, 1])
         more = np.arange(hubs)
         return _asterism._Rules(
             np.concatenate([self.sizes, np.zeros((hubs, 2))]) if len(self.sizes) else self.sizes,
@@ -167,6 +168,31 @@ class Rules:
             np.concatenate([self.aligned, np.full((hubs, self.aligned.shape[1]), -1)]) if self.is_aligned.any() else np.empty(0, dtype=np.int64),
             np.concatenate([self.groups, more]) if len(self.groups) else self.groups,
         )
+
+    def _check_heights(self, y: _Floats) -> None:
+        """ValueError if no heights are in the order of `downward` and those given, NaN where none is."""
+        if not len(self.orders):
+            return
+        n = len(y)
+        line = np.where(self.aligned[:, 1] >= 0, n + self.aligned[:, 1], np.arange(n))
+        lines, of = np.unique(line, return_inverse=True)  # nodes of one height
+        above, below = self.orders[:, 1], self.orders[:, 0]
+        part = strong_components(len(lines), np.column_stack([of[above], of[below]]))
+        if len(bad := np.flatnonzero(part[of[above]] == part[of[below]])):
+            a, b = self._nodes[above[bad[0]]], self._nodes[below[bad[0]]]
+            raise ValueError(f"downward: {a!r} cannot be above {b!r}, as nodes of the same y make a circle of the edges")
+        held = {int(part[of[k]]): int(k) for k in np.flatnonzero(~np.isnan(y))}
+        highest, by = np.full(part.max() + 1, np.inf), {}
+        # Edges lead from higher components to lower ones, whose limits are known when their turn comes.
+        for high, low in sorted(zip(part[of[above]].tolist(), part[of[below]].tolist()), reverse=True):
+            top, node = (y[held[high]], held[high]) if high in held else (highest[high], by.get(high, -1))
+            if top - self.gap < highest[low]:
+                highest[low], by[low] = top - self.gap, node
+        for part_of, node in held.items():
+            limit = highest[part_of]
+            if y[node] > limit + 1e-9 * (abs(y[node]) + abs(limit) + self.gap):
+                a, b = self._nodes[by[part_of]], self._nodes[node]
+                raise ValueError(f"downward: {b!r} has to be at y {limit:g} or below, as {a!r} is at {y[by[part_of]]:g}, but is at {y[node]:g}")
 
     def hubs(self, unit: float) -> tuple[_Indices, _Floats]:
         """Edges between groups' middles, nodes N, N + 1 and so on, and their members, and the lengths: of a disc of so many nodes."""

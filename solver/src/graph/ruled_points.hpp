@@ -78,7 +78,7 @@ class RuledPoints {
                     int along) const;
   bool add_neighbours(std::vector<Constraint>& to, const Axes& axes, const std::vector<Box>& boxes,
                       int along) const;
-  bool settle(Units& units, std::vector<Constraint> constraints) const;
+  bool settle(int axis, Units& units, std::vector<Constraint> constraints) const;
 
   int dim_, count_;
   std::string error_;
@@ -92,6 +92,8 @@ class RuledPoints {
   std::vector<Level> levels_;             // those of the points of each group, and last the outer one
   std::vector<std::vector<int>> box_of_;  // of each level: the box of a point, -1
   double pad_ = 0;                        // between boxes, so that rounding cannot make them overlap
+  std::array<double, 3> pads_{};  // the same along each axis; 0 where is_tight_ and coordinates are given
+  bool is_tight_ = false;
   bool is_reversed_ = false;
 };
 

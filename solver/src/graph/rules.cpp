@@ -169,6 +169,11 @@ void RuledPoints::load(const std::vector<double>& x) {
   for (const double half : half_) largest = std::max(largest, half);
   for (const Separation& rule : separations_) largest = std::max(largest, rule.gap);
   pad_ = 1e-11 * largest;
+  for (std::size_t c = 0; c < 3; ++c) {
+    const bool is_free =
+        std::all_of(fixed_[c].begin(), fixed_[c].end(), [](double v) { return std::isnan(v); });
+    pads_[c] = is_tight_ && !is_free ? 0 : pad_;
+  }
 }
 
 void RuledPoints::store(std::vector<double>& x) const {
@@ -302,7 +307,7 @@ bool RuledPoints::are_apart(const Level& level) const {
         const int axis = static_cast<int>(c);
         const bool are_held =
             inverse_mass(level, at(order[k]), axis) == 0 && inverse_mass(level, at(order[m]), axis) == 0;
-        if (std::abs(a.centre[c] - b.centre[c]) >= a.half[c] + b.half[c] + (are_held ? 0 : pad_ / 2))
+        if (std::abs(a.centre[c] - b.centre[c]) >= a.half[c] + b.half[c] + (are_held ? 0 : pads_[c] / 2))
           overlap = false;
       }
       if (overlap) return false;
@@ -320,7 +325,7 @@ bool RuledPoints::holds(const std::vector<double>& x) const {
   for (const Separation& rule : separations_) {
     const double distance = x[at(rule.after * dim_ + rule.axis)] - x[at(rule.before * dim_ + rule.axis)];
     const bool are_held = is_fixed(rule.before, rule.axis) && is_fixed(rule.after, rule.axis);
-    if (!(distance >= rule.gap + (are_held ? 0 : pad_ / 2))) return false;
+    if (!(distance >= rule.gap + (are_held ? 0 : pads_[at(rule.axis)] / 2))) return false;
   }
   return std::all_of(levels_.begin(), levels_.end(), [&](const Level& level) { return are_apart(level); });
 }
@@ -328,6 +333,7 @@ bool RuledPoints::holds(const std::vector<double>& x) const {
 bool RuledPoints::keeps(const std::vector<double>& x) {
   load(x);
   pad_ = 0;
+  pads_.fill(0);
   return holds(x);
 }
 
@@ -342,7 +348,12 @@ bool RuledPoints::finish(std::vector<double>& x, int most, const std::atomic<boo
     load(x);
     if (holds(x)) return true;
   }
-  return (stop != nullptr && *stop) || enforce(x);
+  if ((stop != nullptr && *stop) || enforce(x)) return true;
+  // Between given coordinates there may be just room enough, without the pad.
+  is_tight_ = true;
+  const bool is_done = enforce(x);
+  is_tight_ = false;
+  return is_done;
 }
 
 bool RuledPoints::enforce(std::vector<double>& x) {
@@ -444,15 +455,17 @@ RuledPoints::Axes RuledPoints::units_of(const Level& level, const std::vector<Bo
 bool RuledPoints::arrange(Axes& axes, const std::vector<Box>& boxes,
                           const std::array<std::vector<Constraint>, 3>& asked, int last) const {
   for (int axis = 0; axis < dim_; ++axis) {
-    if (!settle(axes[at(axis)], asked[at(axis)])) return false;
+    if (!settle(axis, axes[at(axis)], asked[at(axis)])) return false;
   }
   if (!has_boxes_) return true;
   const int first = 1 - last;
   std::vector<Constraint> constraints = asked[at(first)];
   add_overlaps(constraints, axes, boxes, first);
-  if (!settle(axes[at(first)], std::move(constraints))) return false;
+  settle(first, axes[at(first)],
+         std::move(constraints));  // what finds no room here gets it along the last one
   constraints = asked[at(last)];
-  return add_neighbours(constraints, axes, boxes, last) && settle(axes[at(last)], std::move(constraints));
+  return add_neighbours(constraints, axes, boxes, last) &&
+         settle(last, axes[at(last)], std::move(constraints));
 }
 
 /// The order along an axis of boxes that overlap there less than along the other one, or that cannot be moved
@@ -501,7 +514,7 @@ bool RuledPoints::add_neighbours(std::vector<Constraint>& to, const Axes& axes, 
   std::vector<Event> events;
   // What are_apart, which asks for half of the pad, may call an overlap is one here, and what settle has
   // moved apart by the pad is none.
-  const double margin = 0.375 * pad_;
+  const double margin = 0.375 * pads_[o];
   for (std::size_t b = 0; b < boxes.size(); ++b) {
     const int box = static_cast<int>(b);
     events.push_back({centre(o, box) - boxes[b].half[o] - margin, box, false});
@@ -534,7 +547,7 @@ bool RuledPoints::add_neighbours(std::vector<Constraint>& to, const Axes& axes, 
 }
 
 /// Moves the units as little as possible, nearly, so that the constraints hold; false if they cannot.
-bool RuledPoints::settle(Units& units, std::vector<Constraint> constraints) const {
+bool RuledPoints::settle(int axis, Units& units, std::vector<Constraint> constraints) const {
   const auto is_fixed = [&](int unit) { return units.is_fixed[at(unit)] != 0; };
   std::vector<double>& x = units.value;
   bool is_possible = true;
@@ -544,7 +557,7 @@ bool RuledPoints::settle(Units& units, std::vector<Constraint> constraints) cons
     return true;
   });
   if (!is_possible) return false;
-  for (Constraint& each : constraints) each.gap += pad_;
+  for (Constraint& each : constraints) each.gap += pads_[at(axis)];
   if (std::all_of(constraints.begin(), constraints.end(),
                   [&](const Constraint& each) { return x[at(each.after)] - x[at(each.before)] >= each.gap; }))
     return true;
