@@ -238,6 +238,15 @@ class MdsTest(unittest.TestCase):
             self.assertLess(np.abs(np.linalg.norm(made.transform(away)[:, None] - made.embedding_, axis=2) - np.linalg.norm(points[:3, None] + 0.1 - points, axis=2)).max(), 2 * least)
         self.assertGreater(np.abs(distances_of(precomputed(2).fit(wrong).embedding_) - distances).max(), 0.2)
 
+    def test_starts_find_several_minima_of_a_loss(self):
+        lower = 0
+        for _ in range(8):
+            distances = distances_of(self.random.normal(size=(8, 5)))
+            one, many = (precomputed(2, loss="geman-mcclure", scale=0.3, n_init=count).fit(distances).stress_ for count in (1, 32))
+            self.assertLessEqual(many, one * (1 + 1e-6))
+            lower += many < 0.99 * one
+        self.assertGreater(lower, 1)
+
     def test_the_number_of_jobs_changes_nothing(self):
         points = self.random.normal(size=(50, 5))
         one, two, all_but_one = (asterism.MDS(2, n_init=6, n_jobs=jobs).fit(points) for jobs in (1, 2, -2))

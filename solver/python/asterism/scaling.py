@@ -71,7 +71,8 @@ class MDS:
     normalized_stress: whether `stress_` is sqrt(sum w (d - r)^2 / sum w r^2) with r = |x_i - x_j| (Kruskal's stress-1); "auto": where
         metric is False.
     loss, scale: against wrong distances: "huber" or "geman-mcclure", from residuals of about `scale` on [unit of the
-        distances]; "quadratic" has no scale.
+        distances]; "quadratic" has no scale. "geman-mcclure" is solved by "graduated" from every second start, and by "auto" from the
+        others.
     certify: also ask how much less stress another placement may have, which takes N^2 memory and about the time of the solve.
 
     After fit: `embedding_` (N, n_components); `stress_`; `n_iter_` of the start whose result is taken; `dissimilarity_matrix_` (N, N);
@@ -139,7 +140,13 @@ class MDS:
         starts = self._starts(problem, init)
         system, _ = self._system(problem)
         eps = float(self.eps)
-        solve = (lambda x: self._solved(system, x, self.max_iter, eps)) if self.metric else (lambda x: self._ordered(problem, x, self.max_iter, eps))
+
+        def solve(x: _Floats, start: int) -> _Found:
+            if not self.metric:
+                return self._ordered(problem, x, self.max_iter, eps)
+            # "graduated" reaches few minima, whatever the start; every second start goes down as it is.
+            return self._solved(system, x, self.max_iter, eps, "graduated" if self.loss == "geman-mcclure" and start % 2 == 0 else "auto")
+
         self._keep(problem, system, self._finished(problem, system, self._lowest(problem, starts, solve)))
         if self.certify:
             self._prove(problem, system)
@@ -363,19 +370,19 @@ class MDS:
         starts += [lambda k=k: centre + size * np.random.default_rng([seed, k]).normal(size=(n, dim)) for k in range(1, count)]
         return starts
 
-    def _lowest(self, problem: _Problem, starts: list[_Start], solve: Callable[[_Floats], _Found]) -> _Found:
+    def _lowest(self, problem: _Problem, starts: list[_Start], solve: Callable[[_Floats, int], _Found]) -> _Found:
         """The result of solve with the least stress, from all starts."""
 
-        def found(start: _Start) -> _Found:
-            x = start()
+        def found(start: int) -> _Found:
+            x = starts[start]()
             x[problem.exact] = problem.at[problem.exact]
-            return solve(x)
+            return solve(x, start)
 
         jobs = min(self._threads(), len(starts))
         if jobs == 1:
-            return min(map(found, starts), key=lambda each: each[0])
+            return min(map(found, range(len(starts))), key=lambda each: each[0])
         with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
-            return min(pool.map(found, starts), key=lambda each: each[0])
+            return min(pool.map(found, range(len(starts))), key=lambda each: each[0])
 
     def _keep(self, problem: _Problem, system: _asterism.System, found: _Found) -> None:
         """Sets what fit leaves."""
@@ -409,12 +416,11 @@ class MDS:
         if (most := self.max_iter - iterations) < 1:
             return found
         eps = _FINER * float(self.eps)
-        last = self._solved(system, x, most, eps, "auto") if self.metric else self._ordered(problem, x, most, eps)
+        last = self._solved(system, x, most, eps) if self.metric else self._ordered(problem, x, most, eps)
         return last[0], last[1], iterations + last[2], last[3]
 
-    def _solved(self, system: _asterism.System, x: _Floats, most: int, eps: float, method: str | None = None) -> _Found:
+    def _solved(self, system: _asterism.System, x: _Floats, most: int, eps: float, method: str = "auto") -> _Found:
         """Scaling from a start."""
-        method = method or ("auto" if self.loss in ("quadratic", "huber") else "graduated")
         summary = system.solve(x, method, tolerance=eps, max_iterations=most)
         if not summary:
             raise ValueError(summary.message)
