@@ -182,17 +182,17 @@ class Rules:
             a, b = self._nodes[above[bad[0]]], self._nodes[below[bad[0]]]
             raise ValueError(f"downward: {a!r} cannot be above {b!r}, as nodes of the same y make a circle of the edges")
         held = {int(part[of[k]]): int(k) for k in np.flatnonzero(~np.isnan(y))}
-        highest, by = np.full(part.max() + 1, np.inf), {}
+        heights, highest, by = y.tolist(), [np.inf] * (int(part.max()) + 1), {}
         # Edges lead from higher components to lower ones, whose limits are known when their turn comes.
         for high, low in sorted(zip(part[of[above]].tolist(), part[of[below]].tolist()), reverse=True):
-            top, node = (y[held[high]], held[high]) if high in held else (highest[high], by.get(high, -1))
+            top, node = (heights[held[high]], held[high]) if high in held else (highest[high], by.get(high, -1))
             if top - self.gap < highest[low]:
                 highest[low], by[low] = top - self.gap, node
         for part_of, node in held.items():
-            limit = highest[part_of]
-            if y[node] > limit + 1e-9 * (abs(y[node]) + abs(limit) + self.gap):
+            height, limit = heights[node], highest[part_of]
+            if height > limit + 1e-9 * (abs(height) + abs(limit) + self.gap):
                 a, b = self._nodes[by[part_of]], self._nodes[node]
-                raise ValueError(f"downward: {b!r} has to be at y {limit:g} or below, as {a!r} is at {y[by[part_of]]:g}, but is at {y[node]:g}")
+                raise ValueError(f"downward: {b!r} has to be at y {limit:g} or below, as {a!r} is at {heights[by[part_of]]:g}, but is at {height:g}")
 
     def hubs(self, unit: float) -> tuple[_Indices, _Floats]:
         """Edges between groups' middles, nodes N, N + 1 and so on, and their members, and the lengths: of a disc of so many nodes."""
