@@ -12,9 +12,9 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-constexpr std::size_t kLength = 0, kStiffness = 1, kPrior = 2, kPriorStiffness = 3;
+constexpr std::size_t kEachLength = 0, kEachStiffness = 1, kPrior = 2, kPriorStiffness = 3;
 
-std::vector<Column> columns_of() {
+std::vector<Column> common_length_columns() {
   return {{"length"},
           {"stiffness", 1, Column::Range::NotNegative},
           {.name = "prior", .is_common = true},
@@ -23,7 +23,9 @@ std::vector<Column> columns_of() {
 
 }  // namespace
 
-CommonLength::CommonLength(int dim) : TermOf("common_length", dim, 2, columns_of(), {}) { add_loss(); }
+CommonLength::CommonLength(int dim) : TermOf("common_length", dim, 2, common_length_columns(), {}) {
+  add_loss();
+}
 
 std::string CommonLength::defect(int node_count) const {
   if (std::string problem = Term::defect(node_count); !problem.empty()) return problem;
@@ -31,7 +33,7 @@ std::string CommonLength::defect(int node_count) const {
   if (loss() != Loss::Quadratic && loss() != Loss::Huber)
     return "common_length: the loss must be quadratic or huber, as the others leave several estimates";
   if (size() > 0 && !(*numbers(kPriorStiffness)[0] > 0)) {
-    const Numbers stiffness = numbers(kStiffness);
+    const Numbers stiffness = numbers(kEachStiffness);
     for (int e = 0; e < size(); ++e) {
       if (*stiffness[e] > 0) return {};
     }
@@ -41,7 +43,7 @@ std::string CommonLength::defect(int node_count) const {
 }
 
 Eigen::VectorXd CommonLength::ranges(const Points& x) const {
-  const Numbers length = numbers(kLength), stiffness = numbers(kStiffness);
+  const Numbers length = numbers(kEachLength), stiffness = numbers(kEachStiffness);
   Eigen::VectorXd result = Eigen::VectorXd::Zero(size());  // of what has no stiffness, any number will do
   for (int e = 0; e < size(); ++e) {
     if (*stiffness[e] > 0)
@@ -51,7 +53,7 @@ Eigen::VectorXd CommonLength::ranges(const Points& x) const {
 }
 
 double CommonLength::curvature_of_estimate(const Eigen::VectorXd& ranges, double b, bool clamp) const {
-  const Numbers stiffness = numbers(kStiffness), scale = this->scale();
+  const Numbers stiffness = numbers(kEachStiffness), scale = this->scale();
   double sum = size() > 0 ? *numbers(kPriorStiffness)[0] : 0.0;
   for (int e = 0; e < size(); ++e) {
     if (!(*stiffness[e] > 0)) continue;
@@ -66,7 +68,7 @@ double CommonLength::curvature_of_estimate(const Eigen::VectorXd& ranges, double
 // means, which lower the energy at every step (Huber 1981, 7.8).
 double CommonLength::estimate(const Eigen::VectorXd& ranges) const {
   if (size() == 0) return 0;
-  const Numbers stiffness = numbers(kStiffness), scale = this->scale();
+  const Numbers stiffness = numbers(kEachStiffness), scale = this->scale();
   const double prior = *numbers(kPrior)[0], prior_stiffness = *numbers(kPriorStiffness)[0];
   const auto mean = [&](auto&& weight_of) {
     double total = prior_stiffness, sum = prior_stiffness * prior;
@@ -110,7 +112,7 @@ double CommonLength::estimate(const Points& x) const { return estimate(ranges(x)
 
 double CommonLength::energy(const Points& x, Points* gradient) const {
   if (size() == 0) return 0;
-  const Numbers stiffness = numbers(kStiffness), scale = this->scale();
+  const Numbers stiffness = numbers(kEachStiffness), scale = this->scale();
   const Eigen::VectorXd ranges = this->ranges(x);
   const double b = estimate(ranges), off = b - *numbers(kPrior)[0];
   double energy = *numbers(kPriorStiffness)[0] * off * off / 2;
@@ -132,7 +134,7 @@ double CommonLength::energy(const Points& x, Points* gradient) const {
 // The matrix over the points and b, whose Schur complement is that of the energy minimised over b.
 void CommonLength::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
   if (size() == 0) return;
-  const Numbers stiffness = numbers(kStiffness), scale = this->scale();
+  const Numbers stiffness = numbers(kEachStiffness), scale = this->scale();
   const Eigen::VectorXd ranges = this->ranges(x);
   const double b = estimate(ranges);
   const int d = dim(), rows = 2 * d + 1;
@@ -186,7 +188,7 @@ const char* CommonLength::problem_with(Curvature curvature) const {
 
 void CommonLength::add_scales(const Points& x, Scales& scales) const {
   const double b = estimate(x);
-  const Numbers stiffness = numbers(kStiffness), length = numbers(kLength);
+  const Numbers stiffness = numbers(kEachStiffness), length = numbers(kEachLength);
   for (int e = 0; e < size(); ++e) {
     const double rest = *length[e] + b;
     scales.lengths.emplace_back(*stiffness[e], rest * rest);
@@ -197,7 +199,7 @@ void CommonLength::add_scales(const Points& x, Scales& scales) const {
 // w . g depends on the numbers also by b, with db/dn = -(d2E/db dn) / (d2E/db2).
 void CommonLength::add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const {
   if (size() == 0) return;
-  const Numbers stiffness = numbers(kStiffness), scale = this->scale();
+  const Numbers stiffness = numbers(kEachStiffness), scale = this->scale();
   const Eigen::VectorXd ranges = this->ranges(x);
   const double b = estimate(ranges), bend = curvature_of_estimate(ranges, b, false);
   Eigen::VectorXd along(size()), u(dim());
@@ -219,8 +221,8 @@ void CommonLength::add_mixed(const Points& x, const Points& w, std::span<Eigen::
     const double k = *stiffness[e];
     if (!(k > 0)) continue;
     const auto phi = phi_of(e);
-    number(kLength, e) -= k * phi.second * (along[e] + share);
-    number(kStiffness, e) += phi.first * (along[e] + share);
+    number(kEachLength, e) -= k * phi.second * (along[e] + share);
+    number(kEachStiffness, e) += phi.first * (along[e] + share);
     const double s = ranges[e] - b;
     detail::add_by_loss(loss(), scale[e], nullptr, s * s, detail::loss_at(loss(), scale[e], nullptr, s * s),
                         k * s * (along[e] + share), e, by);

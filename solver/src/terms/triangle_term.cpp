@@ -10,9 +10,9 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-constexpr std::size_t kRest = 0, kStiffness = 1;
+constexpr std::size_t kAtRest = 0, kTriangleStiffness = 1;
 
-std::vector<Column> columns_of() { return {{"rest"}, {"stiffness", 1, Column::Range::NotNegative}}; }
+std::vector<Column> triangle_columns() { return {{"rest"}, {"stiffness", 1, Column::Range::NotNegative}}; }
 
 // Two edges in the plane that they span: lengths and unit vectors of a and of b, and the unit vectors at
 // right angles to them, turned from a to b. The sine is that of the angle between them, positive except for
@@ -83,7 +83,7 @@ double none(double value, const Eigen::MatrixXd& corners, Eigen::VectorXd& gradi
 
 }  // namespace
 
-TriangleTerm::TriangleTerm(std::string_view kind, int dim) : Term(kind, dim, 3, columns_of(), {}) {
+TriangleTerm::TriangleTerm(std::string_view kind, int dim) : Term(kind, dim, 3, triangle_columns(), {}) {
   add_loss();
 }
 
@@ -149,7 +149,7 @@ double Areas::value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
 // Calls visit(element, phi, gradient of s, second derivatives of s, k, s).
 template <typename Visit>
 void TriangleTerm::for_each(const Points& x, bool needs_second, Visit&& visit) const {
-  const Numbers rest = numbers(kRest), stiffness = numbers(kStiffness);
+  const Numbers rest = numbers(kAtRest), stiffness = numbers(kTriangleStiffness);
   const Numbers scale = this->scale(), sharpness = this->sharpness();
   Eigen::MatrixXd corners(dim(), 3), second;
   Eigen::VectorXd gradient;
@@ -211,8 +211,8 @@ void TriangleTerm::add_mixed(const Points& x, const Points& w, std::span<Eigen::
              double along = 0;
              for (int a = 0; a < 3; ++a) along += of_s.segment(a * dim(), dim()).dot(w.col(nodes()(a, e)));
              const auto column = [&](std::size_t i) { return by[i].col(by[i].cols() == 1 ? 0 : e); };
-             column(kRest)[0] -= k * phi.second * along;
-             column(kStiffness)[0] += phi.first * along;
+             column(kAtRest)[0] -= k * phi.second * along;
+             column(kTriangleStiffness)[0] += phi.first * along;
              const auto rho = detail::loss_at(loss(), scale()[e], sharpness()[e], s * s);
              detail::add_by_loss(loss(), scale()[e], sharpness()[e], s * s, rho, k * along * s, e, by);
            });
