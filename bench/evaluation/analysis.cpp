@@ -4,7 +4,6 @@
 #include <cmath>
 #include <exception>
 #include <future>
-#include <limits>
 #include <numeric>
 #include <random>
 #include <set>
@@ -18,8 +17,6 @@ namespace asterism::bench {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 /// accuracy_robustness, with NaN for the accuracy if every sequence ends within the burn-in.
 AccuracyRobustness score_of(std::span<const SupervisedSequence> sequences, Toolkit toolkit) {
@@ -266,7 +263,7 @@ class Reader {
 };
 
 /// The trackers of the campaign and the other folders in its results, in alphabetical order.
-std::set<std::string> tracker_names(const Campaign& campaign, std::vector<std::string>& left_out) {
+std::set<std::string> names_of_trackers(const Campaign& campaign, std::vector<std::string>& left_out) {
   std::set<std::string> names;
   for (const auto& [name, tracker] : campaign.trackers) names.insert(name);
   const fs::path results = campaign.folder / "results";
@@ -534,7 +531,7 @@ Analysis analyse(const Campaign& campaign, const AnalysisOptions& options) {
 
   std::vector<TrackerRuns> trackers;
   Reader reader(campaign, images);
-  for (const std::string& name : tracker_names(campaign, analysis.left_out)) {
+  for (const std::string& name : names_of_trackers(campaign, analysis.left_out)) {
     std::vector<std::string> left_out;
     TrackerRuns tracker = reader.read(name, left_out);
     const bool any = !tracker.supervised.empty() || !tracker.one_pass.empty() || !tracker.multi_start.empty();

@@ -22,12 +22,6 @@ namespace fs = std::filesystem;
 constexpr int kDepth = 4;          // nested folders: DATA/GOT-10k/val/GOT-10k_Val_000001
 constexpr std::size_t kNamed = 6;  // entries named, at most, of those that are not used
 
-[[noreturn]] void fail(const fs::path& file, const std::string& reason) {
-  throw std::runtime_error(file.string() + ": " + reason);
-}
-
-std::string name_of(const fs::path& path) { return path.filename().string(); }
-
 // "a, b and 3 others".
 std::string listed(const std::vector<std::string>& names) {
   std::string text;

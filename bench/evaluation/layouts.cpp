@@ -27,13 +27,6 @@ namespace fs = std::filesystem;
 using detail::counted;
 using Notes = std::vector<std::string>;
 
-[[noreturn]] void fail(const fs::path& file, std::size_t line, const std::string& reason) {
-  throw std::runtime_error(file.string() + ":" + std::to_string(line) + ": " + reason);
-}
-[[noreturn]] void fail(const fs::path& file, const std::string& reason) {
-  throw std::runtime_error(file.string() + ": " + reason);
-}
-
 // --- Shared by the layouts
 
 std::string trimmed(std::string_view text) {
@@ -170,7 +163,6 @@ void read_absences(Sequence& sequence, const fs::path& folder, std::initializer_
 
 bool has(const fs::path& folder, const std::string& file) { return fs::exists(folder / file); }
 bool has_ground_truth(const fs::path& path) { return fs::is_directory(path) && has(path, "groundtruth.txt"); }
-std::string name_of(const fs::path& folder) { return folder.filename().string(); }
 
 // --- VOT: SEQ/groundtruth.txt, color/00000001.jpg
 
@@ -498,6 +490,8 @@ bool is_video(const fs::path& path) {
   for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return kExtensions.contains(extension) && fs::is_regular_file(path);
 }
+
+std::string name_of(const fs::path& path) { return path.filename().string(); }
 
 fs::path box_file(const fs::path& path) {
   return path.parent_path() / ((fs::is_directory(path) ? path.filename() : path.stem()).string() + ".txt");

@@ -33,6 +33,8 @@ std::span<const LayoutReader> layout_readers();
 bool is_video(const std::filesystem::path& path);
 /// The box file beside a video or a folder of images: NAME.txt.
 std::filesystem::path box_file(const std::filesystem::path& path);
+/// The last part of a path.
+std::string name_of(const std::filesystem::path& path);
 /// Entries of a folder in natural order without the hidden ones.
 std::vector<std::filesystem::path> entries_of(const std::filesystem::path& folder);
 

@@ -7,6 +7,8 @@
 #include <optional>
 #include <stdexcept>
 
+#include "statistics.hpp"
+
 namespace asterism::bench {
 
 namespace {
@@ -30,8 +32,6 @@ void count(std::array<double, kCount>& curve, std::span<const double> values, co
     curve[i] +=
         static_cast<double>(std::ranges::count_if(values, [&](double value) { return meets(value, i); }));
 }
-
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 /// The score of a sequence; empty if no frame after the first of a run has ground truth.
 std::optional<OnePassScore> score_of(const OnePassSequence& sequence) {

@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <exception>
-#include <limits>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -14,6 +13,7 @@
 
 #include "multi_start_measures.hpp"
 #include "one_pass_measures.hpp"
+#include "statistics.hpp"
 
 namespace asterism::bench {
 namespace {
@@ -21,7 +21,6 @@ namespace {
 constexpr std::size_t kRestartGap = 5;  // frames from a failure to the next start (VOT's stacks)
 // Frames that OTB needs from the first temporal start on; shorter sequences have no such runs.
 constexpr std::size_t kFewestTemporal = 20;
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 struct Names {
   std::string_view name, experiment;

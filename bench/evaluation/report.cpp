@@ -4,7 +4,6 @@
 #include <asterism/solver/base/counted.hpp>
 #include <cctype>
 #include <cmath>
-#include <limits>
 #include <set>
 #include <stdexcept>
 
@@ -15,8 +14,6 @@ namespace asterism::bench {
 namespace {
 
 using detail::counted;
-
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 constexpr std::string_view kStyle = R"(
 :root {

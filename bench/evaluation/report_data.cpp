@@ -2,14 +2,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <limits>
 
 #include "report_internal.hpp"
 
 namespace asterism::bench {
 namespace {
-
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 /// With as many digits as reading it back exactly takes, as in JSON; empty for NaN.
 std::string exact(double value) { return std::isnan(value) ? std::string() : Json(value).dump(); }

@@ -1,14 +1,11 @@
 // Figures that the DPT paper prints: its Tables 1 and 2, on VOT2014 and OTB.
 #include <array>
-#include <limits>
 
 #include "plots.hpp"
 #include "report_internal.hpp"
 
 namespace asterism::bench {
 namespace {
-
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 /// A row of Table 1.
 struct Variant {

@@ -11,7 +11,7 @@ namespace asterism::bench {
 namespace {
 
 constexpr std::size_t kPictures = 12;
-constexpr int kWidth = 360;  // of a picture [px]
+constexpr int kPictureWidth = 360;  // [px]
 
 std::string base64(const std::vector<unsigned char>& bytes) {
   constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -42,7 +42,7 @@ void draw(cv::Mat& image, const Region& region, double scale, const cv::Scalar& 
 std::string picture(const Campaign& campaign, const Loss& loss) {
   const Sequence& sequence = campaign.sequences[loss.sequence];
   const cv::Mat frame = FrameReader(sequence)(loss.frame);
-  const double scale = static_cast<double>(kWidth) / frame.cols;
+  const double scale = static_cast<double>(kPictureWidth) / frame.cols;
   cv::Mat image;
   cv::resize(frame, image, {}, scale, scale, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
   if (const auto truth = truth_of(sequence, loss.frame, campaign.options))

@@ -3,14 +3,13 @@
 #include <algorithm>
 #include <asterism/solver/base/counted.hpp>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <utility>
 
+#include "statistics.hpp"
+
 namespace asterism::bench {
 namespace {
-
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 void check_length(const Trajectory& trajectory, std::size_t frames, const Sequence& sequence) {
   if (trajectory.frames.size() != frames)

@@ -3,11 +3,15 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <span>
 #include <utility>
 #include <vector>
 
 namespace asterism::bench {
+
+/// A measure that is not defined.
+inline constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 // Significance of differences. Definitions and sources: docs/evaluation-measures.md.
 

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdio>
+#include <stdexcept>
 
 namespace asterism::bench {
 namespace {
@@ -57,6 +58,14 @@ std::string shell_quoted(std::string_view text) {
   std::string result = "'";
   for (const char letter : text) result += letter == '\'' ? std::string("'\\''") : std::string(1, letter);
   return result + "'";
+}
+
+[[noreturn]] void fail(const std::filesystem::path& file, const std::string& reason) {
+  throw std::runtime_error(file.string() + ": " + reason);
+}
+
+[[noreturn]] void fail(const std::filesystem::path& file, std::size_t line, const std::string& reason) {
+  throw std::runtime_error(file.string() + ":" + std::to_string(line) + ": " + reason);
 }
 
 }  // namespace asterism::bench

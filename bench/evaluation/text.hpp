@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+#include <filesystem>
 #include <string>
 #include <string_view>
 
@@ -13,5 +15,9 @@ std::string printable(std::string_view text);
 
 /// The text as one word of a shell's command.
 std::string shell_quoted(std::string_view text);
+
+/// Throws std::runtime_error: "FILE: reason", or with the line of the file.
+[[noreturn]] void fail(const std::filesystem::path& file, const std::string& reason);
+[[noreturn]] void fail(const std::filesystem::path& file, std::size_t line, const std::string& reason);
 
 }  // namespace asterism::bench

@@ -11,25 +11,17 @@
 #include <cstring>
 #include <fstream>
 #include <iterator>
-#include <limits>
 #include <random>
 #include <stdexcept>
 
 #include "ground_truth.hpp"
+#include "statistics.hpp"
+#include "text.hpp"
 
 namespace asterism::bench {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-
-[[noreturn]] void fail(const fs::path& file, const std::string& reason) {
-  throw std::runtime_error(file.string() + ": " + reason);
-}
-[[noreturn]] void fail(const fs::path& file, std::size_t line, const std::string& reason) {
-  throw std::runtime_error(file.string() + ":" + std::to_string(line) + ": " + reason);
-}
 
 std::string content_of(const fs::path& path) {
   std::ifstream file(path, std::ios::binary);

@@ -43,7 +43,7 @@ std::string start_and(std::size_t tracked, char tenths) {
   return frames;
 }
 
-void expect_near(const std::vector<double>& actual, const std::vector<double>& expected) {
+void expect_close(const std::vector<double>& actual, const std::vector<double>& expected) {
   ASSERT_EQ(actual.size(), expected.size());
   for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_NEAR(actual[i], expected[i], 1e-14) << i;
 }
@@ -95,7 +95,7 @@ TEST(AccuracyRobustness, DoesNotDependOnTheOrderOfSequences) {
   for (const Toolkit toolkit : {Toolkit::Python, Toolkit::Legacy}) {
     EXPECT_NEAR(accuracy_robustness(reversed, toolkit).accuracy, accuracy_robustness(kTwo, toolkit).accuracy,
                 1e-15);
-    expect_near(eao_curve(reversed, toolkit), eao_curve(kTwo, toolkit));
+    expect_close(eao_curve(reversed, toolkit), eao_curve(kTwo, toolkit));
   }
 }
 
@@ -134,7 +134,7 @@ const Sequences kShort = {sequence({"S66F-S66"}), sequence({"S88888"})};
 
 TEST(Eao, LegacyCurveByHand) {
   const double after_3 = (0.6 + 0.6 + 0.8) / 3;
-  expect_near(
+  expect_close(
       eao_curve(kShort, Toolkit::Legacy),
       {1, after_3, after_3, (1.2 / 3 + 0.8) / 2, (1.2 / 4 + 0.8) / 2, (1.2 / 5 + 0.8) / 2, 1.2 / 6, 1.2 / 7});
   EXPECT_NEAR(eao(kShort, {3, 5}, Toolkit::Legacy), (after_3 + 0.6 + 0.55) / 3, 1e-14);
@@ -142,7 +142,7 @@ TEST(Eao, LegacyCurveByHand) {
 
 TEST(Eao, PythonCurveEndsWithTheLongestFragmentAndItsIntervalIsOneFrameLater) {
   const double after_3 = (0.6 + 0.6 + 0.8) / 3;
-  expect_near(eao_curve(kShort, Toolkit::Python), {0, after_3, after_3, 0.6, 0.55, 0.52});
+  expect_close(eao_curve(kShort, Toolkit::Python), {0, after_3, after_3, 0.6, 0.55, 0.52});
   EXPECT_NEAR(eao(kShort, {3, 5}, Toolkit::Python), (0.6 + 0.55 + 0.52) / 3, 1e-14);
   EXPECT_NEAR(eao(kShort, {4, 100}, Toolkit::Python), (0.55 + 0.52) / 2, 1e-14) << "what the curve has";
   EXPECT_TRUE(std::isnan(eao(kShort, {6, 7}, Toolkit::Python)));
@@ -214,26 +214,26 @@ TEST(ArRanks, TrackersThatDoNotDifferShareARank) {
   const std::vector<Sequences> trackers = {tracker(0.5, 0.5), tracker(0.25, 0.75),
                                            tracker(0.125, 0.125, true)};
   const ArRanks ranks = ar_ranks(trackers);
-  expect_near(ranks.accuracy, {1.5, 1.5, 3});
-  expect_near(ranks.robustness, {1.5, 1.5, 3});  // no failure in 30 runs against one in each of 30
+  expect_close(ranks.accuracy, {1.5, 1.5, 3});
+  expect_close(ranks.robustness, {1.5, 1.5, 3});  // no failure in 30 runs against one in each of 30
 }
 
 TEST(ArRanks, AccuracyMustDifferInPracticeToo) {
   std::vector<Sequences> trackers = {tracker(0.8, 0.8), tracker(0.5, 0.5)};
-  expect_near(ar_ranks(trackers).accuracy, {1, 2});
+  expect_close(ar_ranks(trackers).accuracy, {1, 2});
   for (SupervisedSequence& sequence : trackers[0]) sequence.practical_difference.assign(60, 0.4);
-  expect_near(ar_ranks(trackers).accuracy, {1.5, 1.5});  // .3 / .4 < 1
-  expect_near(ar_ranks(trackers, kAllFrames, {.practical = false}).accuracy, {1, 2});
-  expect_near(ar_ranks(trackers).robustness, {1.5, 1.5});
+  expect_close(ar_ranks(trackers).accuracy, {1.5, 1.5});  // .3 / .4 < 1
+  expect_close(ar_ranks(trackers, kAllFrames, {.practical = false}).accuracy, {1, 2});
+  expect_close(ar_ranks(trackers).robustness, {1.5, 1.5});
 }
 
 TEST(ArRanks, FewRepetitionsAreFilledUp) {
   std::vector<Sequences> trackers = {tracker(0.8, 0.8), tracker(0.8, 0.8, true)};
   for (Sequences& sequences : trackers)
     for (SupervisedSequence& sequence : sequences) sequence.runs.resize(1);
-  expect_near(ar_ranks(trackers).robustness, {1, 2});
+  expect_close(ar_ranks(trackers).robustness, {1, 2});
   // Two failures against none: p = 2 / C(4, 2) = 1 / 3.
-  expect_near(ar_ranks(trackers, kAllFrames, {.repetitions = 1}).robustness, {1.5, 1.5});
+  expect_close(ar_ranks(trackers, kAllFrames, {.repetitions = 1}).robustness, {1.5, 1.5});
 }
 
 TEST(ArRanks, OfTagsHaveEqualWeights) {
@@ -244,10 +244,10 @@ TEST(ArRanks, OfTagsHaveEqualWeights) {
   }
   // The tag has one frame per sequence: too few to compare, which counts as different. Robustness differs
   // only there.
-  expect_near(ar_ranks(trackers, "few").robustness, {1, 2});
-  expect_near(ar_ranks(trackers, kUntagged).robustness, {1.5, 1.5});
-  expect_near(mean_ar_ranks(trackers).robustness, {1.25, 1.75});
-  expect_near(mean_ar_ranks(trackers).accuracy, {1, 2});
+  expect_close(ar_ranks(trackers, "few").robustness, {1, 2});
+  expect_close(ar_ranks(trackers, kUntagged).robustness, {1.5, 1.5});
+  expect_close(mean_ar_ranks(trackers).robustness, {1.25, 1.75});
+  expect_close(mean_ar_ranks(trackers).accuracy, {1, 2});
   EXPECT_THROW(ar_ranks(trackers, "none such"), std::invalid_argument);
 }
 
