@@ -4,6 +4,7 @@
 
 #include <asterism/trackers/around/gated.hpp>
 #include <filesystem>
+#include <map>
 
 #include "ground_truth.hpp"
 #include "image_source.hpp"
@@ -35,13 +36,17 @@ std::vector<std::string> trackers() {
 
 class Interrupted : public ::testing::TestWithParam<std::string> {
  protected:
-  // A tracker after some frames of the scene.
+  // A tracker after some frames of the scene: a copy of one that all tests of its name start from.
   static constexpr int kSeen = 8;
-  AnyTracker running() const {
-    AnyTracker tracker = make_tracker(GetParam());
-    tracker.init(draw_frame(0), true_box(0));
-    for (int t = 1; t <= kSeen; ++t) tracker.update(draw_frame(t));
-    return tracker;
+  static AnyTracker running() {
+    static std::map<std::string, AnyTracker> kept;
+    auto found = kept.find(GetParam());
+    if (found == kept.end()) {
+      found = kept.emplace(GetParam(), make_tracker(GetParam())).first;
+      found->second.init(draw_frame(0), true_box(0));
+      for (int t = 1; t <= kSeen; ++t) found->second.update(draw_frame(t));
+    }
+    return found->second;
   }
   // From frame t on, both trackers do the same, bit for bit, and follow the object.
   static void expect_same_from(int t, AnyTracker& tracker, AnyTracker& other) {
