@@ -137,6 +137,49 @@ class Cholesky {
   Index n_, columns_;
 };
 
+// By panels of columns of the left matrix, which stay in the cache, and tiles of the result, whose sums stay
+// in registers.
+void run_with_these_instructions(const MatrixProduct& product) {
+  using L = DoubleLanes;
+  using V = typename L::V;
+  using Index = std::ptrdiff_t;
+  constexpr Index kLanes = L::kLanes, kRows = 2 * kLanes, kPanel = 64;
+  constexpr int kColumns = sizeof(V) == kMostBytes ? 8 : 4;
+  const Index n = product.rows, width = product.columns;
+  for (Index first = 0; first < product.inner; first += kPanel) {
+    const Index last = first + kPanel < product.inner ? first + kPanel : product.inner;
+    for (Index c = 0; c < width; c += kColumns) {
+      const int columns = static_cast<int>(width - c < kColumns ? width - c : kColumns);
+      for (Index i = 0; i < n; i += kRows) {
+        const auto low = lanes_between<L>(0, n - i), high = lanes_between<L>(0, n - i - kLanes);
+        const bool is_whole = i + kRows <= n;
+        V sums[kColumns][2];
+        for (auto& sum : sums) sum[0] = sum[1] = L::set(0);
+        for (Index k = first; k < last; ++k) {
+          const double* const row = product.left + k * product.stride + i;
+          const V lower = is_whole ? L::load(row) : L::load(row, low);
+          const V upper = is_whole ? L::load(row + kLanes) : L::load(row + kLanes, high);
+          const double* const of = product.right + k * width + c;
+#pragma GCC unroll 8
+          for (int s = 0; s < kColumns; ++s) {
+            if (s >= columns) break;
+            const V factor = L::set(of[s]);
+            sums[s][0] = L::fma(factor, lower, sums[s][0]);
+            sums[s][1] = L::fma(factor, upper, sums[s][1]);
+          }
+        }
+        for (int s = 0; s < columns; ++s) {
+          double* const to = product.result + (c + s) * n + i;
+          double values[kRows];
+          L::store(values, sums[s][0]);
+          L::store(values + kLanes, sums[s][1]);
+          for (Index r = 0; r < kRows && i + r < n; ++r) to[r] = (first == 0 ? 0 : to[r]) + values[r];
+        }
+      }
+    }
+  }
+}
+
 // right <- (L L^T)^-1 right, four columns of L at a time.
 template <typename L, int kRight>
 void substitute(const RightHandSides<typename L::T>& right) {

@@ -59,6 +59,17 @@ struct RightHandSides {
 ASTERISM_API void solve(const RightHandSides<double>& right);
 ASTERISM_API void solve(const RightHandSides<float>& right);
 
+/// The product of two matrices.
+struct MatrixProduct {
+  const double* left;                  ///< rows x inner, column after column
+  std::ptrdiff_t stride, rows, inner;  ///< stride: from one of these columns to the next
+  const double* right;                 ///< inner x columns, row after row
+  std::ptrdiff_t columns;
+  double* result;  ///< rows x columns, column after column
+};
+
+void multiply(const MatrixProduct& product);
+
 /// The diagonal of (L L^T)^-1, each entry of which is the square of the norm of a column of L^-1.
 struct InverseDiagonal {
   const double* factor;  ///< L, as `factorize` leaves it

@@ -223,14 +223,14 @@ void MultifrontalFactor::make_supernodes(const Elimination& elimination) {
 }
 
 void MultifrontalFactor::make_entries(const Sparse& lower) {
-  Indexed<int> supernode_of(place_.size());
+  supernode_of_.resize(place_.size());
   for (std::size_t s = 0; s < supernodes_.size(); ++s)
-    std::fill_n(supernode_of.begin() + supernodes_[s].first, supernodes_[s].columns, static_cast<int>(s));
+    std::fill_n(supernode_of_.begin() + supernodes_[s].first, supernodes_[s].columns, static_cast<int>(s));
   const auto for_each_entry = [&](auto&& to) {  // to(number, supernode, row, column)
     for (int c = 0; c < static_cast<int>(lower.cols()); ++c) {
       for (int e = lower.outerIndexPtr()[c]; e < lower.outerIndexPtr()[c + 1]; ++e) {
         const auto [column, row] = std::minmax(place_[c], place_[lower.innerIndexPtr()[e]]);
-        to(e, supernode_of[column], row, column);
+        to(e, supernode_of_[column], row, column);
       }
     }
   };
@@ -389,22 +389,67 @@ double MultifrontalFactor::log_determinant() const {
   return sum;
 }
 
-void MultifrontalFactor::get_columns(Sparse& lower, Eigen::VectorXd& pivots) const {
-  require_entries(static_cast<double>(values_.size()), sizeof(double));
-  const auto n = static_cast<Eigen::Index>(place_.size());
-  lower.resize(n, n);
-  lower.reserve(static_cast<Eigen::Index>(values_.size()));
-  pivots.resize(n);
-  for (const Supernode& s : supernodes_) {
-    const auto columns = columns_of(s);
-    for (int c = 0; c < s.columns; ++c) {
-      pivots[s.first + c] = columns(c, c) * columns(c, c);
-      lower.startVec(s.first + c);
-      for (int r = c + 1; r < s.size; ++r)
-        lower.insertBack(rows_of(s)[r], s.first + c) = columns(r, c) / columns(c, c);
+MultifrontalInverse::MultifrontalInverse(const MultifrontalFactor& factor) : factor_(factor) {
+  require_memory(sizeof(double) * static_cast<double>(factor.values_.size()));
+  values_.resize(factor.values_.size());
+  // The transpose of a matrix that is stored by rows is stored by columns.
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  RowMajor inverse, Y, Z_RC;  // L_CC^-1
+  Eigen::MatrixXd product;
+  Eigen::VectorXd room;
+  const auto multiply = [&product](const double* left, Eigen::Index stride, Eigen::Index rows,
+                                   const RowMajor& right) -> const Eigen::MatrixXd& {
+    product.resize(rows, right.cols());
+    lanes_v0_1::multiply(lanes_v0_1::MatrixProduct{left, stride, rows, right.rows(), right.data(),
+                                                   right.cols(), product.data()});
+    return product;
+  };
+  for (auto s = factor.supernodes_.rbegin(); s != factor.supernodes_.rend(); ++s) {
+    const Eigen::Index c = s->columns, m = s->below();
+    const auto columns = factor.columns_of(*s);
+    Eigen::Map<Eigen::MatrixXd> Z(values_.data() + s->values, s->size, c);
+    if (m == 0) {
+      room.resize(c * lanes_v0_1::kMostLanes);
+      lanes_v0_1::invert(lanes_v0_1::Inverse<double>{columns.data(), c, Z.data(), room.data()});
+      continue;
+    }
+    inverse.setIdentity(c, c);
+    columns.topRows(c).triangularView<Eigen::Lower>().solveInPlace(inverse);
+    Z.topRows(c) = multiply(inverse.data(), c, c, inverse);
+    gather(*s);
+    Y = multiply(columns.data() + c, s->size, m, inverse);
+    Z_RC = -multiply(gathered_.data(), m, m, Y);
+    Z.bottomRows(m) = Z_RC;
+    Z.topRows(c) -= multiply(Y.data(), c, c, Z_RC);
+  }
+}
+
+// By the rules of fill, the front of a row in R has all of R beyond it among its rows.
+void MultifrontalInverse::gather(const MultifrontalFactor::Supernode& s) {
+  const int m = s.below();
+  const int* const below = factor_.rows_of(s) + s.columns;
+  gathered_.resize(m, m);
+  std::vector<int> place(size_of(m));
+  for (int a = 0; a < m;) {
+    const auto& other = factor_.supernodes_[size_of(factor_.supernode_of_[below[a]])];
+    const int* row = factor_.rows_of(other);
+    for (int b = a; b < m; ++b) {
+      while (*row != below[b]) ++row;
+      place[size_of(b)] = static_cast<int>(row - factor_.rows_of(other));
+    }
+    for (; a < m && below[a] < other.first + other.columns; ++a) {
+      const double* const column =
+          values_.data() + other.values + std::ptrdiff_t{below[a] - other.first} * other.size;
+      for (int b = a; b < m; ++b) gathered_(a, b) = gathered_(b, a) = column[place[size_of(b)]];
     }
   }
-  lower.finalize();
+}
+
+double MultifrontalInverse::operator()(int i, int j) const {
+  const auto [column, row] = std::minmax(factor_.place_[i], factor_.place_[j]);
+  const auto& s = factor_.supernodes_[size_of(factor_.supernode_of_[column])];
+  return values_[static_cast<std::size_t>(s.values + std::ptrdiff_t{column - s.first} * s.size + row -
+                                          s.first)];
 }
 
 }  // namespace detail

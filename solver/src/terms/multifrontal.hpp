@@ -46,12 +46,8 @@ class MultifrontalFactor {
   /// Multiplications of a factorisation, after analyze.
   double multiplications() const { return multiplications_; }
 
-  /// Row i of the matrix is row place()[i] of the factor.
-  const Indexed<int>& place() const { return place_; }
-  /// The factor as L D L^T: L below its unit diagonal, rows in ascending order, and D.
-  void get_columns(Sparse& lower, Eigen::VectorXd& pivots) const;
-
  private:
+  friend class MultifrontalInverse;
   class Elimination;
   struct Supernode {
     int first, columns;     // the first of its columns
@@ -80,7 +76,8 @@ class MultifrontalFactor {
     return Eigen::Map<const Eigen::MatrixXd>(values_.data() + s.values, s.size, s.columns);
   }
 
-  Indexed<int> place_;
+  Indexed<int> place_;                 // row i of the matrix is row place_[i] of the factor
+  Indexed<int> supernode_of_;          // a row of the factor
   std::vector<Supernode> supernodes_;  // children before their parents
   std::vector<int> rows_;              // in ascending order in each front
   std::vector<Entry> entries_;         // by supernodes
@@ -93,6 +90,24 @@ class MultifrontalFactor {
     int column;
     bool is_negative;  // by more than rounding
   } refused_{};        // the pivot that ended the last factorisation, which front_ shows
+};
+
+/// The entries of the inverse in the pattern of a factor (Takahashi, Fagan and Chin 1973; Erisman and Tinney
+/// 1975). From the last supernode to the first, with its own columns C and the rows R below them,
+///   Z_RC = -Z_RR Y,  Z_CC = (L_CC L_CC^T)^-1 - Y^T Z_RC,  Y = L_RC L_CC^-1.
+class MultifrontalInverse {
+ public:
+  /// `factor` has factored a matrix, and is to outlive this. Throws LackOfMemory.
+  explicit MultifrontalInverse(const MultifrontalFactor& factor);
+  /// The entry at two rows of one node.
+  double operator()(int i, int j) const;
+
+ private:
+  void gather(const MultifrontalFactor::Supernode& s);
+
+  const MultifrontalFactor& factor_;
+  std::vector<double> values_;  // at the places of the factor's
+  Eigen::MatrixXd gathered_;    // Z_RR
 };
 
 }  // namespace detail

@@ -122,17 +122,13 @@ Eigen::MatrixXd Solution::covariance(int node) const {
 Eigen::MatrixXd Solution::covariances() const {
   const Factored& f = factored();
   const int dim = f.system.dim(), n = f.system.nodes();
-  detail::SystemMatrix::Sparse lower;
-  Eigen::VectorXd pivots;
-  f.factor.sparse().get_columns(lower, pivots);
-  const detail::SelectedInverse<double> inverse(lower, pivots);
-  const auto& place = f.factor.sparse().place();
+  const detail::MultifrontalInverse inverse(f.factor.sparse());
   Eigen::MatrixXd blocks = Eigen::MatrixXd::Zero(dim, dim * n);
   for (int i = 0; i < n; ++i) {
     if (f.system.is_fixed(i)) continue;
     for (int a = 0; a < dim; ++a) {
       for (int b = 0; b <= a; ++b) {
-        blocks(a, dim * i + b) = blocks(b, dim * i + a) = inverse(place[dim * i + a], place[dim * i + b]);
+        blocks(a, dim * i + b) = blocks(b, dim * i + a) = inverse(dim * i + a, dim * i + b);
       }
     }
   }
@@ -205,13 +201,9 @@ bool SystemProver::is_of_fixed(Eigen::Index row) const {
 
 Eigen::VectorXd SystemProver::diagonal_of_inverse() const {
   if (matrix_.is_dense()) return factor_.diagonal_of_inverse();
-  SystemMatrix::Sparse lower;
-  Eigen::VectorXd pivots;
-  factor_.sparse().get_columns(lower, pivots);
-  const SelectedInverse<double> inverse(lower, pivots);
-  const auto& place = factor_.sparse().place();
+  const MultifrontalInverse inverse(factor_.sparse());
   Eigen::VectorXd result(matrix_.rows());
-  for (int r = 0; r < matrix_.rows(); ++r) result[r] = inverse(place[r], place[r]);
+  for (int r = 0; r < matrix_.rows(); ++r) result[r] = inverse(r, r);
   return result;
 }
 
