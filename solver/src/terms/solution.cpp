@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
-#include <asterism/solver/energy/covariance.hpp>
 #include <asterism/solver/terms/kinds.hpp>
 #include <asterism/solver/terms/solution.hpp>
 #include <cmath>
