@@ -27,10 +27,6 @@ class SparseFactor : public Eigen::SimplicialLDLT<Eigen::SparseMatrix<Scalar>> {
   void analyze(const Eigen::SparseMatrix<Scalar>& lower, int copies = 1);
   /// Entries in the longest column of the factor, after analyze.
   double longest_column() const { return 1 + this->m_nonZerosPerCol.template cast<double>().maxCoeff(); }
-  /// Multiplications of a factorisation, after analyze.
-  double multiplications() const {
-    return this->m_nonZerosPerCol.template cast<double>().array().square().sum() / 2;
-  }
   /// Factors a matrix of that pattern; info() says whether it could.
   void factorize(const Eigen::SparseMatrix<Scalar>& lower);
   /// The same; false where the matrix is not positive definite.
