@@ -118,6 +118,8 @@ py::dict path(const py::array_t<double>& steps, const py::array_t<double>& beaco
   result["lower_bound"] = found.lower_bound;
   result["evidence"] = found.evidence;
   result["turn_sigma"] = found.turn_sigma;
+  result["scale"] = found.scale;
+  result["scale_deviation"] = found.scale_deviation;
   result["converged"] = found.status == Status::Converged;
   result["message"] = text;
   return result;
@@ -137,12 +139,13 @@ void bind_path(py::module_& m) {
       [](const py::array_t<double>& steps, const py::array_t<double>& beacons,
          const py::array_t<double>& pose, const py::array_t<int>& beacon, const py::array_t<double>& range,
          const py::array_t<double>& sigma, double cutoff, double turn_sigma, double step_sigma,
-         double shortest, const std::array<double, 3>& start, const std::array<double, 2>& start_sigma,
-         bool lower_bound, int max_iterations) {
+         double scale_sigma, double shortest, const std::array<double, 3>& start,
+         const std::array<double, 2>& start_sigma, bool lower_bound, int max_iterations) {
         PathOptions options;
         options.cutoff = cutoff;
         options.turn_sigma = turn_sigma;
         options.step_sigma = step_sigma;
+        options.scale_sigma = scale_sigma;
         options.shortest = shortest;
         options.start = start;
         options.start_sigma = start_sigma;
@@ -151,8 +154,9 @@ void bind_path(py::module_& m) {
         return path(steps, beacons, pose, beacon, range, sigma, options);
       },
       py::arg("steps"), py::arg("beacons"), py::arg("pose"), py::arg("beacon"), py::arg("range"),
-      py::arg("sigma"), py::arg("cutoff"), py::arg("turn_sigma"), py::arg("step_sigma"), py::arg("shortest"),
-      py::arg("start"), py::arg("start_sigma"), py::arg("lower_bound"), py::arg("max_iterations").noconvert(),
+      py::arg("sigma"), py::arg("cutoff"), py::arg("turn_sigma"), py::arg("step_sigma"),
+      py::arg("scale_sigma"), py::arg("shortest"), py::arg("start"), py::arg("start_sigma"),
+      py::arg("lower_bound"), py::arg("max_iterations").noconvert(),
       "What asterism.locate_path finds, for arrays of float64 in C order.");
 
   py::class_<PathStream>(

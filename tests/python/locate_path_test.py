@@ -31,26 +31,28 @@ def drive(seed, count, noise=0.2, turn_noise=0.01, outliers=0.0, ranges_a_pose=1
 class Energy:
     """That of docs/locate.md, of all poses as nodes and of the unknown beacons, as real numbers."""
 
-    def __init__(self, steps, beacons, pose, beacon, ranges, sigma, turn_sigma, step_sigma=0.1, cutoff=None):
+    def __init__(self, steps, beacons, pose, beacon, ranges, sigma, turn_sigma, step_sigma=0.1, cutoff=None, has_scale=False):
         headings = np.concatenate([[0], np.cumsum(steps[:-1, 2])])
         self.moves = np.exp(1j * headings) * (steps[:, 0] + 1j * steps[:, 1])
         self.beacons, self.pose, self.beacon, self.ranges, self.sigma = beacons, pose, beacon, ranges, sigma
         self.turn_sigma, self.step_sigma, self.cutoff = turn_sigma, step_sigma, cutoff
         self.unknown = np.isnan(beacons[:, 0])
+        self.has_scale = has_scale  # the last number, about 1 to 0.1
 
     def __call__(self, z):
         n = len(self.moves) + 1
+        z, scale = (z[:-1], z[-1]) if self.has_scale else (z, 1)
         z = z.reshape(-1, 2)
         p = z[:n, 0] + 1j * z[:n, 1]
         beacons = self.beacons.copy()
         beacons[self.unknown] = z[n:]
         d, lengths = np.diff(p), np.abs(self.moves)
         chain = np.abs(d[1:] - self.moves[1:] / self.moves[:-1] * d[:-1]) / (self.turn_sigma * lengths[1:])
-        step = (np.abs(d) - lengths) / (self.step_sigma * lengths)
+        step = (np.abs(d) - scale * lengths) / (self.step_sigma * lengths)
         s = ((np.linalg.norm(z[self.pose] - beacons[self.beacon], axis=1) - self.ranges) / self.sigma) ** 2
         if self.cutoff is not None:
             s = s / (1 + s / self.cutoff**2)
-        return (np.sum(chain**2) + np.sum(step**2) + np.sum(s)) / 2
+        return (np.sum(chain**2) + np.sum(step**2) + np.sum(s) + ((scale - 1) / 0.1) ** 2) / 2
 
     def gradient(self, z, h=1e-5):
         return np.array([(self(z + e) - self(z - e)) / (2 * h) for e in h * np.eye(z.size)])
@@ -215,6 +217,48 @@ class LocatePathTest(unittest.TestCase):
         np.testing.assert_allclose(found.beacon_covariance[2], dense[-2:, -2:], atol=1e-3 * np.abs(dense).max())
         np.testing.assert_allclose(found.covariance[5], dense[10:12, 10:12], atol=1e-3 * np.abs(dense).max())
 
+    def test_scale_of_the_odometry(self):
+        # A minimum of positions, an unknown beacon and the scale together, with the covariance of all.
+        _, steps, pose, beacon, ranges = drive(6, 12, ranges_a_pose=4)
+        beacons = BEACONS.copy()
+        beacons[2] = NAN
+        steps[:, :2] /= 1.2
+        found = asterism.locate_path(steps, beacons, pose, beacon, ranges, 0.2, turn_sigma=0.05, shortest=0.1)
+        energy = Energy(steps, beacons, pose, beacon, ranges, 0.2, 0.05, has_scale=True)
+        z = np.concatenate([found.x.ravel(), found.beacons[2], [found.scale]])
+        self.assertAlmostEqual(energy(z), found.energy, places=8)
+        hessian = energy.hessian(z)
+        self.assertLess(np.abs(np.linalg.solve(hessian, energy.gradient(z))).max(), 1e-5)
+        dense = np.linalg.inv(hessian)
+        self.assertAlmostEqual(found.scale_deviation, dense[-1, -1] ** 0.5, places=4)
+        np.testing.assert_allclose(found.covariance[5], dense[10:12, 10:12], atol=1e-3 * np.abs(dense).max())
+        np.testing.assert_allclose(found.beacon_covariance[2], dense[-3:-1, -3:-1], atol=1e-3 * np.abs(dense).max())
+        # No path with this scale is lower.
+        rng = np.random.default_rng(0)
+        least = min(minimize(lambda y: energy(np.append(y, found.scale)), z[:-1] + rng.normal(0, 3, len(z) - 1), method="BFGS").fun for _ in range(3))
+        self.assertLessEqual(found.lower_bound, least + 1e-6)
+        self.assertGreater(found.lower_bound, 0)
+
+    def test_wheels_that_are_not_calibrated(self):
+        for seed, scale in ((30, 0.9), (31, 1.1), (32, 0.8)):
+            truth, steps, pose, beacon, ranges = drive(seed, 400, outliers=0.1)
+            steps[:, :2] /= scale
+
+            def error(**options):
+                path = asterism.locate_path(steps, BEACONS, pose, beacon, ranges, 0.2, cutoff=3, lower_bound=False, **options)
+                return path, np.sqrt(np.mean(np.sum((path.x - truth) ** 2, axis=1)))
+
+            found, known = error()
+            self.assertLess(abs(found.scale - scale), 4 * found.scale_deviation)
+            self.assertLess(found.scale_deviation, 0.02)
+            self.assertLess(known, 0.8 * error(scale_sigma=0)[1])
+        # Where it may as well be 1, it is 1.
+        _, steps, pose, beacon, ranges = drive(33, 400)
+        found, held = (asterism.locate_path(steps, BEACONS, pose, beacon, ranges, 0.2, scale_sigma=s) for s in (0.1, 0))
+        self.assertEqual((found.scale, found.scale_deviation), (1, 0))
+        np.testing.assert_allclose(found.x, held.x, atol=1e-3)
+        self.assertAlmostEqual(found.energy, held.energy, delta=0.1)
+
     def test_no_descent_gets_below_the_bound(self):
         for seed in range(4):
             _, steps, pose, beacon, ranges = drive(seed, 10, noise=1.0)
@@ -271,6 +315,8 @@ class LocatePathTest(unittest.TestCase):
             ({"cutoff": 0}, "cutoff has to be > 0"),
             ({"turn_sigma": -1}, "turn_sigma"),
             ({"step_sigma": 0}, "step_sigma"),
+            ({"scale_sigma": -1}, "scale_sigma"),
+            ({"scale_sigma": NAN}, "scale_sigma"),
             ({"shortest": NAN}, "shortest"),
             ({"start": [0, 0, NAN]}, "start"),
             ({"start_sigma": [1, 1]}, "start_sigma needs a start"),
@@ -311,7 +357,7 @@ class PathStreamTest(unittest.TestCase):
             self.assertLess(np.linalg.norm(stream.pose[:2] - truth[k]), 2.5)
             if k == 80:  # nothing is marginalised yet
                 stream.settle()
-                whole = asterism.locate_path(steps[:80], BEACONS, pose[:81], beacon[:81], ranges[:81], 0.2, step_sigma=0.1, **self.OPTIONS)
+                whole = asterism.locate_path(steps[:80], BEACONS, pose[:81], beacon[:81], ranges[:81], 0.2, scale_sigma=0, **self.OPTIONS)
                 np.testing.assert_allclose(stream.positions, whole.x, atol=1e-9)
                 np.testing.assert_allclose(stream.pose[:2], whole.x[-1], atol=1e-9)
                 np.testing.assert_allclose(stream.covariance, whole.covariance[-1], rtol=1e-6)
@@ -329,7 +375,7 @@ class PathStreamTest(unittest.TestCase):
                 stream.move(*steps[k - 1])
             stream.range(BEACONS[beacon[k]], ranges[k], 0.2)
         stream.settle()
-        whole = asterism.locate_path(steps, BEACONS, pose, beacon, ranges, 0.2, step_sigma=0.1, **{**self.OPTIONS, "cutoff": None})
+        whole = asterism.locate_path(steps, BEACONS, pose, beacon, ranges, 0.2, scale_sigma=0, **{**self.OPTIONS, "cutoff": None})
         np.testing.assert_allclose(stream.positions, whole.x[-len(stream.positions) :], atol=5e-3)
 
     def test_bad_input(self):

@@ -136,6 +136,24 @@ TEST(LocatePath, ExactMeasurementsGiveTheTruePath) {
   EXPECT_NE(text(path).find("do not determine where the path is"), std::string::npos);
 }
 
+TEST(LocatePath, FindsTheScaleOfTheOdometry) {
+  for (const double scale : {0.8, 1.2}) {
+    Drive drive(300, 0);
+    for (std::size_t i = 0; i < drive.steps.size(); ++i)
+      if (i % 3 != 2) drive.steps[i] /= scale;
+    PathOptions options;
+    options.turn_sigma = 0.01;
+    const PathEstimate path = locate_path(drive.measurements(), options);
+    ASSERT_EQ(path.status, Status::Converged) << text(path);
+    EXPECT_NEAR(path.scale, scale, 1e-3);  // the prior is about 1
+    EXPECT_GT(path.scale_deviation, 0);
+    EXPECT_LT(distance(path.x, drive.truth), 0.02);
+    EXPECT_LE(path.lower_bound, path.energy);
+    options.scale_sigma = 0;
+    EXPECT_GT(distance(locate_path(drive.measurements(), options).x, drive.truth), 0.1);
+  }
+}
+
 TEST(LocatePath, SaysWhatIsWrong) {
   const auto says = [](auto&& change) {
     Drive drive(20, 0);
@@ -158,6 +176,8 @@ TEST(LocatePath, SaysWhatIsWrong) {
   EXPECT_EQ(says([](Drive& d, PathOptions&) { d.sigma.pop_back(); }),
             "pose, beacon, range and sigma have to be of the same length");
   EXPECT_EQ(says([](Drive&, PathOptions& o) { o.max_iterations = 0; }), "max_iterations has to be >= 1");
+  EXPECT_EQ(says([](Drive&, PathOptions& o) { o.scale_sigma = -1; }),
+            "scale_sigma has to be a finite number >= 0");
   EXPECT_NE(says([](Drive& d, PathOptions&) {
               std::fill(d.steps.begin(), d.steps.end(), 0.0);
             }).find("the robot does not move"),

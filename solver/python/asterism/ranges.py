@@ -138,12 +138,16 @@ class PathEstimate:
     outliers: npt.NDArray[np.bool_]
     #: At the minimum.
     energy: float
-    #: No path has a lower energy; with a cutoff, of the energy in which every range keeps the weight that it has at the minimum.
+    #: No path with this scale has a lower energy; with a cutoff, of the energy in which every range keeps the weight that it has at the minimum.
     lower_bound: float
     #: The logarithm of the evidence for turn_sigma, by Laplace's approximation, up to a constant.
     evidence: float
     #: As it was given or estimated.
     turn_sigma: float
+    #: The odometry's steps times this are the robot's. It stays at 1 if it differs from it by less than 1.5 deviations.
+    scale: float
+    #: By Laplace's approximation; 0 where the scale stays at 1.
+    scale_deviation: float
     #: Whether the descent has ended at a stationary point.
     converged: bool
     #: What the beacons do not determine; "" if there is nothing to say.
@@ -164,6 +168,7 @@ def locate_path(
     cutoff: float | None = None,
     turn_sigma: float | None = None,
     step_sigma: float = 0.1,
+    scale_sigma: float = 0.1,
     shortest: float | None = None,
     start: npt.ArrayLike | None = None,
     start_sigma: npt.ArrayLike | None = None,
@@ -187,6 +192,7 @@ def locate_path(
     turn_sigma: the standard deviation of a step's difference from the turned step before, relative to its length; None: estimated from the
     evidence, with a weak prior.
     step_sigma: that of a step's length, relative to it.
+    scale_sigma: that of the odometry's scale about 1: of how many metres the robot goes for each that the odometry counts; 0: the scale is 1.
     shortest: steps are joined until they are so long [m]; None: half of the median step.
     start: x, y [m] and heading [rad] of the first pose: where the search starts, and the frame of the result where beacons do not determine it.
     start_sigma: standard deviations of the first position [m] and heading [rad]; None: the start has no energy.
@@ -229,7 +235,7 @@ def locate_path(
     turn, least = (0.0 if value is None else inputs.positive(value, name) for name, value in (("turn_sigma", turn_sigma), ("shortest", shortest)))
     limit = np.inf if cutoff is None else cutoff
     found = _asterism._locate_path(
-        odometry, places, at, index, lengths, deviations, limit, turn, step_sigma, least, list(first_pose),
+        odometry, places, at, index, lengths, deviations, limit, turn, step_sigma, scale_sigma, least, list(first_pose),
         list(spread), lower_bound, max_iterations,
     )
     with np.errstate(invalid="ignore"):

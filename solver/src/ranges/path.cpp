@@ -20,6 +20,7 @@ const char* PathOptions::problem() const {
   if (!(cutoff > 0)) return "cutoff has to be > 0";
   if (!(turn_sigma >= 0 && std::isfinite(turn_sigma))) return "turn_sigma has to be a finite number >= 0";
   if (!(step_sigma > 0 && std::isfinite(step_sigma))) return "step_sigma has to be a finite number > 0";
+  if (!(scale_sigma >= 0 && std::isfinite(scale_sigma))) return "scale_sigma has to be a finite number >= 0";
   if (!(shortest >= 0 && std::isfinite(shortest))) return "shortest has to be a finite number >= 0";
   if (!sigma(start_sigma[0]) || !sigma(start_sigma[1])) return "start_sigma has to be > 0";
   const auto nans = std::count_if(start.begin(), start.end(), [](double s) { return std::isnan(s); });
@@ -57,6 +58,7 @@ class PathSolver {
     attach();
     if (!determined()) return std::move(result_);
     search();
+    settle_scale();
     if (!descent_.stopped()) finish();
     if (descent_.stopped()) {
       result_ = PathEstimate{};
@@ -372,11 +374,12 @@ class PathSolver {
     std::vector<Point> x, beacons;
     std::vector<int> unknown;
     std::vector<PathRange> ranges;
-    double turn_sigma = 0, evidence = -kInfinity;
+    double turn_sigma = 0, scale = 1, evidence = -kInfinity;
     bool converged = false;
   };
   Path path() const {
-    return {chain_.x, chain_.beacons, unknown_, terms_.ranges, terms_.turn_sigma, -kInfinity, converged_};
+    return {chain_.x,          chain_.beacons, unknown_,   terms_.ranges,
+            terms_.turn_sigma, chain_.scale,   -kInfinity, converged_};
   }
   void set_path(const Path& path) {
     chain_.x = path.x;
@@ -384,6 +387,7 @@ class PathSolver {
     unknown_ = path.unknown;
     terms_.ranges = path.ranges;
     terms_.turn_sigma = path.turn_sigma;
+    chain_.scale = path.scale;
     converged_ = path.converged;
   }
 
@@ -393,6 +397,7 @@ class PathSolver {
     bound_ = options_.cutoff * options_.cutoff;
     terms_.turn_sigma = options_.turn_sigma > 0 ? options_.turn_sigma : kUsualSigma;
     terms_.step_sigma = options_.step_sigma;
+    if (options_.scale_sigma > 0) terms_.scale_weight = std::min(std::pow(options_.scale_sigma, -2), 1e30);
     set_start();
     // As long as it takes to hear something.
     std::size_t stage = std::min<std::size_t>(nodes, 128);
@@ -489,7 +494,8 @@ class PathSolver {
 
   double evidence() const {
     const auto n = static_cast<double>(nodes_.size());
-    return -chain_.energy(bound_) - 0.5 * chain_.log_determinant() -
+    const double of_scale = chain_.has_scale() ? 0.5 * std::log(terms_.scale_weight) : 0;
+    return of_scale - chain_.energy(bound_) - 0.5 * chain_.log_determinant() -
            2 * (n - 2) * std::log(terms_.turn_sigma);
   }
 
@@ -528,6 +534,21 @@ class PathSolver {
     return std::sqrt(std::clamp((squares + 2) / (std::max(determined, 0.0) + prior), 0.05, 20.0));
   }
 
+  double scale_deviation() const {
+    return std::sqrt(inverse_.corner(chain_.scale_row(), chain_.scale_row()));
+  }
+
+  /// A scale that may as well be 1 is 1: to estimate what is known makes the path worse.
+  void settle_scale() {
+    if (!chain_.has_scale() || descent_.stopped() || !factorize()) return;
+    chain_.invert(inverse_);
+    if (std::abs(chain_.scale - 1) >= kClearly * scale_deviation()) return;
+    terms_.scale_weight = 0;
+    chain_.scale = 1;
+    converged_ = descent_.run(chain_, bound_, options_.max_iterations);
+    estimate_turn_sigma(40);
+  }
+
   bool factorize() {
     for (const auto curvature : {ranges::Curvature::True, ranges::Curvature::Convex}) {
       chain_.assemble(curvature, bound_);
@@ -541,6 +562,7 @@ class PathSolver {
     result_.energy = chain_.energy(bound_);
     result_.nodes = static_cast<int>(nodes_.size());
     result_.turn_sigma = terms_.turn_sigma;
+    result_.scale = chain_.scale;
     result_.status = converged_ ? Status::Converged : Status::MaxIterations;
     if (!is_definite || !std::isfinite(result_.energy)) {
       result_ = PathEstimate{};
@@ -550,15 +572,14 @@ class PathSolver {
       return;
     }
     result_.evidence = evidence();
-    if (options_.covariance) chain_.invert(inverse_);
+    if (options_.covariance) {
+      chain_.invert(inverse_);
+      if (chain_.has_scale()) result_.scale_deviation = scale_deviation();
+    }
     write_path();
     write_beacons();
     write_residuals();
-    if (options_.lower_bound) {
-      ranges::PathBound bound(terms_, chain_, bound_, options_.stop);
-      result_.lower_bound = bound.run(anchors_ == 0 && terms_.start_weight == 0, result_.energy);
-      result_.iterations += bound.iterations();
-    }
+    if (options_.lower_bound) write_lower_bound();
     result_.iterations += descent_.iterations();
     for (const auto* list : {&result_.x, &result_.heading, &result_.covariance, &result_.beacon_covariance}) {
       if (std::all_of(list->begin(), list->end(), [](double v) { return std::isfinite(v); })) continue;
@@ -567,6 +588,24 @@ class PathSolver {
       result_.message = "numbers that are too large or too small";
       return;
     }
+  }
+
+  /// Of paths with the same scale, as if the odometry had counted right.
+  void write_lower_bound() {
+    if (!(chain_.scale > 0)) return;
+    PathTerms terms = terms_;
+    terms.scale_weight = 0;
+    for (double& length : terms.length) length *= chain_.scale;
+    terms.first_step *= chain_.scale;
+    terms.turn_sigma /= chain_.scale;
+    terms.step_sigma /= chain_.scale;
+    PathChain<2> minimum(terms);
+    minimum.x = chain_.x;
+    minimum.beacons = chain_.beacons;
+    const double energy = minimum.energy(bound_), of_scale = result_.energy - energy;
+    ranges::PathBound bound(terms, minimum, bound_, options_.stop);
+    result_.lower_bound = of_scale + bound.run(anchors_ == 0 && terms.start_weight == 0, energy);
+    result_.iterations += bound.iterations();
   }
 
   void write_path() {
@@ -621,6 +660,7 @@ class PathSolver {
   static constexpr std::size_t kEarly = 1000;    ///< positions of a path that is short
   static constexpr std::size_t kMostStarts = 4;  ///< that are continued
   static constexpr double kLeastSigma = 1e-4;    ///< that is estimated: better than any odometry
+  static constexpr double kClearly = 1.5;        ///< deviations from 1 of a scale that is not 1
   static constexpr double kUsualSigma = 0.03;    ///< where nothing says what it is
 
   const PathMeasurements& given_;

@@ -111,11 +111,9 @@ class PathBound {
     for (int polish = 0; polish < 2; ++polish) {
       if (polish > 0) quadratic_.assemble_quadratic(steps_, of_ranges_);  // the gradient there
       auto step = quadratic_.gradient;
-      Eigen::VectorXd of_beacons = quadratic_.beacon_gradient;
-      quadratic_.solve(step, of_beacons);
-      for (std::size_t k = 0; k < step.size(); ++k) quadratic_.x[k] -= step[k];
-      for (std::size_t j = 0; j < quadratic_.beacons.size(); ++j)
-        quadratic_.beacons[j] -= of_beacons.segment<2>(static_cast<Eigen::Index>(2 * j));
+      Eigen::VectorXd of_border = quadratic_.border_gradient;
+      quadratic_.solve(step, of_border);
+      quadratic_.move(step, of_border);
     }
     sum += quadratic_.quadratic_energy(steps_, of_ranges_);
     quadratic_.x = at;

@@ -44,6 +44,7 @@ struct PathTerms {
   Complex start, first_step;
   double start_weight = 0, heading_weight = 0;
   double turn_sigma = 0.03, step_sigma = 0.1;              ///< of a step, relative to its length
+  double scale_weight = 0;                                 ///< 1 / variance of the scale; 0: it is held
   double bound = std::numeric_limits<double>::infinity();  ///< cutoff^2
 
   double chain_weight(std::size_t k) const {
@@ -87,6 +88,7 @@ class PathChain {
   explicit PathChain(const PathTerms& terms) : terms_(terms) {}
 
   List<Point> x, beacons;        ///< of nodes and of unknown beacons
+  double scale = 1;              ///< steps are so many times as long as the odometry says
   const double* held = nullptr;  ///< weights of the ranges, which replace the loss
 
   static Point times(Complex c, const Point& v) {
@@ -110,6 +112,10 @@ class PathChain {
   }
 
   std::size_t nodes() const { return x.size(); }
+  bool has_scale() const { return terms_.scale_weight > 0; }
+  /// Of the border, where the unknown beacons' coordinates are before it.
+  Eigen::Index scale_row() const { return static_cast<Eigen::Index>(beacons.size()) * K; }
+  Eigen::Index border_rows() const { return scale_row() + (has_scale() ? 1 : 0); }
   /// Of the ranges, those that the nodes have.
   std::size_t range_count() const {
     std::size_t count = terms_.ranges.size();
@@ -135,7 +141,7 @@ class PathChain {
     for (std::size_t k = 0; k + 2 < n; ++k)
       sum += 0.5 * terms_.chain_weight(k) * chain_residual(k).squaredNorm();
     for (std::size_t k = 0; k + 1 < n; ++k) {
-      const double e = (x[k + 1] - x[k]).norm() - terms_.length[k];
+      const double e = (x[k + 1] - x[k]).norm() - scale * terms_.length[k];
       sum += 0.5 * terms_.step_weight(k) * e * e;
     }
     for (std::size_t i = 0; i < count; ++i) {
@@ -144,7 +150,7 @@ class PathChain {
       sum += held ? held[i] * range_energy(e, range.information, std::numeric_limits<double>::infinity())
                   : range_energy(e, range.information, bound);
     }
-    sum += start_energy();
+    sum += start_energy() + 0.5 * terms_.scale_weight * (scale - 1) * (scale - 1);
     if constexpr (K == 2) {
       const Eigen::Vector4d z = ends() - terms_.prior.place;
       sum += 0.5 * z.dot(terms_.prior.hessian * z) + terms_.prior.gradient.dot(z);
@@ -158,9 +164,9 @@ class PathChain {
     clear(first);
     assemble_chain(first);
     for (std::size_t k = first < 1 ? 0 : first - 1; k + 1 < n; ++k) {
-      const double w = terms_.step_weight(k);
+      const double w = terms_.step_weight(k), rest = terms_.length[k];
       const Point y = x[k + 1] - x[k];
-      const double l = std::max(y.norm(), 1e-9 * terms_.length[k]), e = l - terms_.length[k];
+      const double l = std::max(y.norm(), 1e-9 * rest), e = l - scale * rest;
       const Point u = y / l, slope = w * e * u;
       const Block h = curvature_of(u, w, w * e / l, curvature);
       gradient[k] -= slope;
@@ -168,6 +174,7 @@ class PathChain {
       diagonal_[k] += h;
       diagonal_[k + 1] += h;
       next_[k] -= h;
+      if (has_scale()) add_scale(k, w * rest * u, -w * e * rest, w * rest * rest);
     }
     const std::size_t count = range_count();
     for (std::size_t i = first < 1 ? 0 : range_from(static_cast<int>(first) - 1); i < count; ++i) {
@@ -202,10 +209,11 @@ class PathChain {
         border_.template block<K, K>(j, c) -= h * block(1.0 - range.at);
         if (range.at != Complex(0)) border_.template block<K, K>(j, c + K) -= h * block(range.at);
         corner_.template block<K, K>(j, j) += h;
-        beacon_gradient.template segment<K>(j) -= g;
+        border_gradient.template segment<K>(j) -= g;
       }
     }
     if (first < 2) assemble_start();
+    if (has_scale()) add_to_corner(terms_.scale_weight * (scale - 1), terms_.scale_weight);
     if constexpr (K == 2) {
       if (first < 2) {
         const PathPrior& prior = terms_.prior;
@@ -221,15 +229,17 @@ class PathChain {
 
   double start_energy() const {
     return 0.5 * terms_.start_weight * (x[0] - of(terms_.start)).squaredNorm() +
-           0.5 * terms_.heading_weight * (x[1] - x[0] - of(terms_.first_step)).squaredNorm();
+           0.5 * terms_.heading_weight * (x[1] - x[0] - scale * of(terms_.first_step)).squaredNorm();
   }
   void assemble_start() {
-    const Point slope = terms_.heading_weight * (x[1] - x[0] - of(terms_.first_step));
+    const Point step = of(terms_.first_step), weighted = terms_.heading_weight * step;
+    const Point slope = terms_.heading_weight * (x[1] - x[0] - scale * step);
     gradient[0] += terms_.start_weight * (x[0] - of(terms_.start)) - slope;
     gradient[1] += slope;
     add(diagonal_[0], terms_.start_weight + terms_.heading_weight);
     add(diagonal_[1], terms_.heading_weight);
     add(next_[0], -terms_.heading_weight);
+    if (has_scale()) add_scale(0, weighted, -slope.dot(step), weighted.dot(step));
   }
 
   /// For the lower bound: the quadratic function in which each step and range counts weight / 2 |y|^2.
@@ -261,7 +271,7 @@ class PathChain {
         border_.template block<K, K>(j, c) -= w * block(a);
         border_.template block<K, K>(j, c + K) -= w * block(b);
         corner_.template block<K, K>(j, j) += w * Block::Identity();
-        beacon_gradient.template segment<K>(j) -= g;
+        border_gradient.template segment<K>(j) -= g;
       }
     }
     assemble_start();
@@ -350,21 +360,21 @@ class PathChain {
     return s;
   }
   /// The matrix's inverse times right_side and border, in place.
-  void solve(List<Point>& right_side, Eigen::VectorXd& of_beacons) const {
+  void solve(List<Point>& right_side, Eigen::VectorXd& of_border) const {
     const std::size_t n = nodes();
     forward(right_side);
     const Eigen::Index m = corner_.rows();
     if (m > 0) {
       for (std::size_t k = 0; k < n; ++k)
-        of_beacons.noalias() -=
+        of_border.noalias() -=
             factor_border_.template middleCols<K>(static_cast<Eigen::Index>(k) * K) * right_side[k];
-      corner_factor_.solveInPlace(of_beacons);
+      corner_factor_.solveInPlace(of_border);
     }
     const Point zero = Point::Zero();
     for (std::size_t k = n; k-- > 0;) {
       if (m > 0)
         right_side[k].noalias() -=
-            factor_border_.template middleCols<K>(static_cast<Eigen::Index>(k) * K).transpose() * of_beacons;
+            factor_border_.template middleCols<K>(static_cast<Eigen::Index>(k) * K).transpose() * of_border;
       right_side[k] = backward(right_side[k], k, k + 1 < n ? right_side[k + 1] : zero,
                                k + 2 < n ? right_side[k + 2] : zero);
     }
@@ -445,6 +455,13 @@ class PathChain {
     before = inverse_of(l0_[n - 2]) - u.transpose() * cross;
   }
 
+  void move(const List<Point>& step, const Eigen::VectorXd& of_border) {
+    for (std::size_t k = 0; k < nodes(); ++k) x[k] -= step[k];
+    for (std::size_t j = 0; j < beacons.size(); ++j)
+      beacons[j] -= of_border.template segment<K>(static_cast<Eigen::Index>(j) * K);
+    if (has_scale()) scale -= of_border[scale_row()];
+  }
+
   void reserve(std::size_t count) {
     for (auto* list : {&diagonal_, &next_, &second_, &l0_, &l1_, &l2_}) list->reserve(count);
     gradient.reserve(count);
@@ -457,7 +474,7 @@ class PathChain {
   }
 
   List<Point> gradient;
-  Eigen::VectorXd beacon_gradient;
+  Eigen::VectorXd border_gradient;
 
  private:
   static void add(Block& b, Complex c) {
@@ -529,10 +546,22 @@ class PathChain {
       second_[k].setZero();
       gradient[k].setZero();
     }
-    if (beacons.empty()) return;
+    if (border_rows() == 0) return;
     border_.setZero();
     corner_.setZero();
-    beacon_gradient.setZero();
+    border_gradient.setZero();
+  }
+
+  void add_to_corner(double slope, double curvature) {
+    border_gradient[scale_row()] += slope;
+    corner_(scale_row(), scale_row()) += curvature;
+  }
+  /// What a term of step k and the scale adds besides what belongs to the step alone.
+  void add_scale(std::size_t k, const Point& both, double slope, double curvature) {
+    auto row = border_.row(scale_row()).template segment<2 * K>(static_cast<Eigen::Index>(k) * K);
+    row.template head<K>() += both.transpose();
+    row.template tail<K>() -= both.transpose();
+    add_to_corner(slope, curvature);
   }
 
   /// The differences of steps that reach column `first` or one after it.
@@ -557,11 +586,11 @@ class PathChain {
       for (auto* list : {&diagonal_, &next_, &second_, &l0_, &l1_, &l2_}) list->resize(n);
       gradient.resize(n);
     }
-    const auto m = static_cast<Eigen::Index>(beacons.size()) * K;
+    const Eigen::Index m = border_rows();
     if (corner_.rows() != m || border_.cols() != static_cast<Eigen::Index>(n) * K) {
       corner_.resize(m, m);
       border_.resize(m, m > 0 ? static_cast<Eigen::Index>(n) * K : 0);
-      beacon_gradient.resize(m);
+      border_gradient.resize(m);
     }
   }
 

@@ -63,7 +63,8 @@ class PathDescent {
     const double decrement = direction(chain);
     old_ = chain.x;
     old_beacons_ = chain.beacons;
-    move(chain);
+    const double old_scale = chain.scale;
+    chain.move(step_, border_step_);
     const double next = chain.energy(bound);
     if (next <= energy + 1e-12 * (1 + std::abs(energy))) {
       energy = next;
@@ -72,6 +73,7 @@ class PathDescent {
     }
     chain.x = old_;
     chain.beacons = old_beacons_;
+    chain.scale = old_scale;
     damping_ = std::max(1e-7, 10 * damping_);
     return -1;
   }
@@ -92,27 +94,22 @@ class PathDescent {
 
   double direction(PathChain<K>& chain) {
     step_ = chain.gradient;
-    beacon_step_ = chain.beacon_gradient;
-    chain.solve(step_, beacon_step_);
-    double slope = chain.beacon_gradient.dot(beacon_step_);
+    border_step_ = chain.border_gradient;
+    chain.solve(step_, border_step_);
+    double slope = chain.border_gradient.dot(border_step_);
     for (std::size_t k = 0; k < chain.nodes(); ++k) slope += chain.gradient[k].dot(step_[k]);
     return slope / 2;
-  }
-  void move(PathChain<K>& chain) {
-    for (std::size_t k = 0; k < chain.nodes(); ++k) chain.x[k] -= step_[k];
-    for (std::size_t j = 0; j < chain.beacons.size(); ++j)
-      chain.beacons[j] -= beacon_step_.template segment<K>(static_cast<Eigen::Index>(j) * K);
   }
   /// Where the energy's digits are used up, a last step by the gradient's.
   void finish(PathChain<K>& chain, double bound) {
     if (!factorize(chain, bound, Curvature::True) || used_ != Curvature::True) return;
     direction(chain);
-    move(chain);
+    chain.move(step_, border_step_);
   }
 
   const std::atomic<bool>* stop_;
   std::vector<typename PathChain<K>::Point> step_, old_, old_beacons_;
-  Eigen::VectorXd beacon_step_;
+  Eigen::VectorXd border_step_;
   Curvature used_ = Curvature::Convex;
   double damping_ = 0;
   int iterations_ = 0;

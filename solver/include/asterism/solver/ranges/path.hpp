@@ -37,6 +37,9 @@ struct PathOptions {
   double turn_sigma = 0;
   /// Standard deviation of a step's length, relative to it, > 0.
   double step_sigma = 0.1;
+  /// Standard deviation of the odometry's scale about 1, >= 0: of how many metres the robot goes for each
+  /// that the odometry counts. 0: the scale is 1.
+  double scale_sigma = 0.1;
   /// Steps are joined until they are so long, because a robot that stands still has no direction, > 0 [m];
   /// 0: half of the median step.
   double shortest = 0;
@@ -70,14 +73,18 @@ struct PathEstimate {
   std::vector<double> beacon_covariance;  ///< (M, 2, 2): zero for known ones [m^2]; empty if not wanted
   std::vector<double> residuals;  ///< (R) distance - range, in units of sigma; NaN where nothing was heard
   double energy = 0;              ///< at the minimum
-  /// No path has a lower energy than this: with a cutoff, of the energy in which each range keeps the weight
-  /// that it has at the minimum, increased by the cost of these weights, so that it is comparable with
-  /// `energy`. 0 if it is not wanted.
+  /// No path with this scale has a lower energy than this: with a cutoff, of the energy in which each range
+  /// keeps the weight that it has at the minimum, increased by the cost of these weights, so that it is
+  /// comparable with `energy`. 0 if it is not wanted.
   double lower_bound = 0;
   double evidence = 0;    ///< logarithm of the evidence by Laplace's approximation, up to a constant
   double turn_sigma = 0;  ///< as given or estimated
-  int nodes = 0;          ///< positions of the chain
-  int iterations = 0;     ///< of all descents: factorisations
+  /// The odometry's steps times this are the robot's. It stays at 1, without a deviation, if it differs from
+  /// it by less than 1.5 deviations.
+  double scale = 1;
+  double scale_deviation = 0;  ///< by Laplace's approximation; 0 if covariances are not wanted
+  int nodes = 0;               ///< positions of the chain
+  int iterations = 0;          ///< of all descents: factorisations
 };
 
 /// The path of a robot in the plane from its odometry and from ranges to beacons, known or unknown, in time
