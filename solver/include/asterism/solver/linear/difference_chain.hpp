@@ -13,7 +13,10 @@ template <int Dim, typename Real>
 struct DifferenceChain {
   static constexpr int kEntries = Dim * (Dim + 1) / 2;  ///< of a symmetric block
   /// The number of entry (r, c) of a symmetric block among these.
-  static constexpr int entry(int r, int c) { return r > c ? entry(c, r) : r * Dim - r * (r - 1) / 2 + c - r; }
+  static constexpr int entry(int r, int c) {
+    const int low = r < c ? r : c, high = r < c ? c : r;
+    return low * Dim - low * (low - 1) / 2 + high - low;
+  }
 
   std::ptrdiff_t points;       ///< of the chain
   std::ptrdiff_t stride;       ///< point t is number t * stride of each array
