@@ -106,20 +106,20 @@ void scale_by_pivots(ShortestPaths& paths, const std::vector<int>& nodes, const 
   }
 }
 
-/// Pairs of a node, the source, with others, which they move.
+/// Pairs of a node, the source, with others, which they move: runs of pairs that are alike.
 struct Star {
   int source;
-  std::size_t end;  // in the pairs of the batch
-  double step;
+  std::size_t end;  // in the runs of the batch
 };
-struct Pair {
-  int node;
+struct Run {
+  std::size_t end;  // in the nodes of the batch
   double length;
-  double weight;  // times the number of pairs that it stands for
+  double weight;  // times the number of pairs that each stands for
 };
 struct Batch {
   std::vector<Star> stars;
-  std::vector<Pair> pairs;
+  std::vector<Run> runs;
+  std::vector<int> nodes;
 };
 
 /// Sources whose pairs are drawn together, in one iteration.
@@ -133,6 +133,7 @@ struct Component {
   std::size_t size = 0;
   double pairs = 0;   // that move a node in an iteration, on average
   double weight = 0;  // of all pairs of a node, on average
+  double step = 0;    // in the iteration that is moved
 };
 
 class Drawing {
@@ -186,7 +187,7 @@ class Drawing {
       pulls_.push_back(weights[i] > 0 ? weights[i] / std::max(components_[at(component_[i])].pairs, 1.0) : 0);
     std::vector<Sources> round, next = sources();
     std::vector<Batch> batches, others;
-    int moved = 0;  // the iteration
+    set_steps(0);
     while (!next.empty() || !round.empty()) {
       if (is_set(options_.stop) || is_bad_) break;
       // While one thread moves nodes by the pairs of the last round, others draw those of the next one.
@@ -196,11 +197,7 @@ class Drawing {
                               if (task > 0) {
                                 draw(next[at(task - 1)], paths_[at(worker)], others[at(task - 1)]);
                               } else {
-                                for (std::size_t k = 0; k < round.size(); ++k) {
-                                  if (round[k].iteration != moved) push(x);
-                                  moved = round[k].iteration;
-                                  move<Dim>(batches[k], x, anchors);
-                                }
+                                move<Dim>(round, batches, x, anchors);
                               }
                             });
       std::swap(batches, others);
@@ -270,12 +267,16 @@ class Drawing {
     }
   }
 
-  /// Of the pairs of a component in an iteration: by how much their weight is multiplied. All of a node's
-  /// together move it nearly to each one's distance at first, and by kLastStep in the end.
-  double step(const Component& component, int iteration) const {
-    const double first = options_.is_refining ? std::min(component.pairs, 1.0) : component.pairs;
+  /// The step of a component in an iteration: by how much the weights of its pairs are multiplied. All of a
+  /// node's together move it nearly to each one's distance at first, and by kLastStep in the end.
+  void set_steps(int iteration) {
     const double time = options_.iterations > 1 ? iteration / (options_.iterations - 1.0) : 1;
-    return first * std::pow(kLastStep / first, time) / component.weight;
+    for (Component& component : components_) {
+      if (component.size < 2) continue;
+      const double first = options_.is_refining ? std::min(component.pairs, 1.0) : component.pairs;
+      component.step = first * std::pow(kLastStep / first, time) / component.weight;
+    }
+    moved_ = iteration;
   }
 
   /// The next sources, at most kBatches; none at the end.
@@ -327,29 +328,27 @@ class Drawing {
 
   void draw(const Sources& sources, ShortestPaths& paths, Batch& batch) {
     batch.stars.clear();
-    batch.pairs.clear();
+    batch.runs.clear();
+    batch.nodes.clear();
     for (std::size_t s = 0; s < sources.nodes.size() && !is_set(options_.stop); ++s) {
       const int source = sources.nodes[s];
       paths.find(source, shell_end(sources.shells[s]) + 1);
       const std::span<const int> nodes = paths.nodes();
       const std::span<const double> lengths = paths.lengths();
-      const std::size_t first = batch.pairs.size();
-      batch.pairs.resize(first + nodes.size() - 1);
+      std::size_t end = batch.nodes.size();
+      batch.nodes.insert(batch.nodes.end(), nodes.begin() + 1, nodes.end());
       std::size_t end_of_shell = nearest_;
-      double share = 1, length = 0, weight = 0;
-      for (std::size_t k = 1; k < nodes.size(); ++k) {
+      double share = 1;
+      for (std::size_t k = 1, last = 1; k < nodes.size(); k = last) {
         if (k > end_of_shell) {
           end_of_shell *= kGrowth;
           share *= static_cast<double>(kGrowth);
         }
-        if (lengths[k] != length) {  // many are the same
-          length = lengths[k];
-          weight = weight_of(length);
-        }
-        batch.pairs[first + k - 1] = {nodes[k], length, share * weight};
+        while (last < nodes.size() && last <= end_of_shell && lengths[last] == lengths[k]) ++last;
+        end += last - k;
+        batch.runs.push_back({end, lengths[k], share * weight_of(lengths[k])});
       }
-      const Component& component = components_[at(component_[at(source)])];
-      batch.stars.push_back({source, batch.pairs.size(), step(component, sources.iteration)});
+      batch.stars.push_back({source, batch.runs.size()});
     }
   }
 
@@ -358,35 +357,51 @@ class Drawing {
   }
 
   template <int Dim>
+  void move(const std::vector<Sources>& round, const std::vector<Batch>& batches, std::vector<double>& x,
+            const std::vector<double>& anchors) {
+    for (std::size_t k = 0; k < round.size(); ++k) {
+      if (round[k].iteration != moved_) {
+        push(x);
+        set_steps(round[k].iteration);
+      }
+      move<Dim>(batches[k], x, anchors);
+    }
+  }
+
+  template <int Dim>
   void move(const Batch& batch, std::vector<double>& x, const std::vector<double>& anchors) const {
     const char* const held = is_held_.empty() ? nullptr : is_held_.data();
-    std::size_t k = 0;
+    std::size_t r = 0, k = 0;
     for (const Star& star : batch.stars) {
+      const double step = components_[at(component_[at(star.source)])].step;
       double from[Dim];
       std::copy_n(&x[at(star.source) * Dim], Dim, from);
-      for (; k < star.end; ++k) {
-        const Pair& pair = batch.pairs[k];
-        const double pull = pulls_.empty() ? 0 : pulls_[at(pair.node)];
-        if (std::isinf(pull)) continue;
-        double* const to = &x[at(pair.node) * Dim];
-        double along[Dim];
-        double square = 0;
-        for (int c = 0; c < Dim; ++c) {
-          along[c] = to[c] - from[c];
-          square += along[c] * along[c];
+      for (; r < star.end; ++r) {
+        const Run& run = batch.runs[r];
+        const double share = std::min(1.0, step * run.weight);
+        for (; k < run.end; ++k) {
+          const int node = batch.nodes[k];
+          const double pull = pulls_.empty() ? 0 : pulls_[at(node)];
+          if (std::isinf(pull)) continue;
+          double* const to = &x[at(node) * Dim];
+          double along[Dim];
+          double square = 0;
+          for (int c = 0; c < Dim; ++c) {
+            along[c] = to[c] - from[c];
+            square += along[c] * along[c];
+          }
+          if (square == 0) {  // any direction
+            along[node % Dim] = square = 1;
+            to[node % Dim] += 1e-6 * run.length;
+          }
+          const double factor = share * (run.length / std::sqrt(square) - 1);
+          for (int c = 0; c < Dim; ++c) {
+            if (held == nullptr || held[at(node) * Dim + at(c)] == 0) to[c] += factor * along[c];
+          }
+          if (pull == 0) continue;
+          const double back = std::min(1.0, step * pull);
+          for (int c = 0; c < Dim; ++c) to[c] += back * (anchors[at(node) * Dim + at(c)] - to[c]);
         }
-        if (square == 0) {  // any direction
-          along[pair.node % Dim] = square = 1;
-          to[pair.node % Dim] += 1e-6 * pair.length;
-        }
-        const double share = std::min(1.0, star.step * pair.weight);
-        const double factor = share * (pair.length / std::sqrt(square) - 1);
-        for (int c = 0; c < Dim; ++c) {
-          if (held == nullptr || held[at(pair.node) * Dim + at(c)] == 0) to[c] += factor * along[c];
-        }
-        if (pull == 0) continue;
-        const double back = std::min(1.0, star.step * pull);
-        for (int c = 0; c < Dim; ++c) to[c] += back * (anchors[at(pair.node) * Dim + at(c)] - to[c]);
       }
     }
   }
@@ -425,17 +440,21 @@ class Drawing {
   template <int Dim>
   static double energy_of(const Batch& batch, const std::vector<double>& x) {
     double sum = 0;
-    std::size_t k = 0;
+    std::size_t r = 0, k = 0;
     for (const Star& star : batch.stars) {
-      for (; k < star.end; ++k) {
-        const Pair& pair = batch.pairs[k];
-        double square = 0;
-        for (int c = 0; c < Dim; ++c) {
-          const double along = x[at(pair.node) * Dim + at(c)] - x[at(star.source) * Dim + at(c)];
-          square += along * along;
+      for (; r < star.end; ++r) {
+        const Run& run = batch.runs[r];
+        double squares = 0;
+        for (; k < run.end; ++k) {
+          double square = 0;
+          for (int c = 0; c < Dim; ++c) {
+            const double along = x[at(batch.nodes[k]) * Dim + at(c)] - x[at(star.source) * Dim + at(c)];
+            square += along * along;
+          }
+          const double misfit = run.length - std::sqrt(square);
+          squares += misfit * misfit;
         }
-        const double misfit = pair.length - std::sqrt(square);
-        sum += pair.weight / 4 * misfit * misfit;  // a pair may come from both of its ends
+        sum += run.weight / 4 * squares;  // a pair may come from both of its ends
       }
     }
     return sum;
@@ -455,7 +474,8 @@ class Drawing {
   std::vector<int> sequence_;  // of the sources of an iteration
   std::size_t position_ = 0;
   std::uint64_t number_ = 0;  // of the last source, counted from a random number
-  int iteration_ = 0;
+  int iteration_ = 0;         // of the next sources
+  int moved_ = 0;             // the iteration whose steps are set
   std::atomic<bool> is_bad_ = false;
 };
 
@@ -507,7 +527,7 @@ Summary draw_graph(const Graph& graph, int dim, std::span<double> x, const Drawi
   Summary summary;
   const auto work = [&] {
     // A round may have the pairs of all nodes with some sources; 200 bytes a node are for all else.
-    detail::require_memory(static_cast<double>(graph.nodes()) * (4 * sizeof(Pair) + 200));
+    detail::require_memory(static_cast<double>(graph.nodes()) * (4 * (sizeof(Run) + sizeof(int)) + 200));
     Drawing drawing(graph, options);
     const std::vector<int>& order = drawing.order();
     std::optional<RuledPoints> ruled;

@@ -3,6 +3,7 @@
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/graph/graph.hpp>
 #include <cmath>
+#include <functional>
 #include <numeric>
 #include <stdexcept>
 #include <string>
@@ -140,12 +141,12 @@ void ShortestPaths::find_by_length(std::size_t most) {
   const int source = nodes_.front();
   count_ = 0;
   lengths_.clear();
-  queue_ = {};
   best_[at(source)] = 0;
-  queue_.push({0, source});
+  queue_.assign(1, {0, source});
   while (!queue_.empty() && count_ < most) {
-    const auto [length, node] = queue_.top();
-    queue_.pop();
+    const auto [length, node] = queue_.front();
+    std::pop_heap(queue_.begin(), queue_.end(), std::greater());
+    queue_.pop_back();
     if (length > best_[at(node)]) continue;
     nodes_[count_++] = node;
     lengths_.push_back(length);
@@ -155,7 +156,8 @@ void ShortestPaths::find_by_length(std::size_t most) {
       double& best = best_[at(ends[k])];
       if (!see(ends[k]) && length + along[k] >= best) continue;
       best = length + along[k];
-      queue_.push({best, ends[k]});
+      queue_.emplace_back(best, ends[k]);
+      std::push_heap(queue_.begin(), queue_.end(), std::greater());
     }
   }
 }

@@ -4,9 +4,7 @@
 #include <asterism/solver/base/export.hpp>
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <limits>
-#include <queue>
 #include <span>
 #include <utility>
 #include <vector>
@@ -87,7 +85,7 @@ class ASTERISM_API ShortestPaths {
   std::vector<int> nodes_;    // those found, and room for all and one more
   std::size_t count_ = 0;
   std::vector<double> lengths_;
-  std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue_;
+  std::vector<Entry> queue_;  // a heap, the nearest first
 };
 
 }  // namespace ASTERISM_ABI
