@@ -1,10 +1,11 @@
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/base/split_mix.hpp>
 #include <asterism/solver/base/stopwatch.hpp>
 #include <asterism/solver/graph/drawing.hpp>
+#include <asterism/solver/matrix/diagonalise.hpp>
 #include <asterism/solver/run/executor.hpp>
 #include <cmath>
 #include <limits>
@@ -87,7 +88,12 @@ void scale_by_pivots(ShortestPaths& paths, const std::vector<int>& nodes, const 
     const auto rows = squares.middleRows(i, std::min(kRows, n - i));
     products += (rows.transpose() * rows).cast<double>();
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(products);
+  Eigen::MatrixXd axes;
+  detail::diagonalise(products, axes);
+  std::vector<Eigen::Index> order(static_cast<std::size_t>(pivots));  // by falling eigenvalue
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(),
+            [&](Eigen::Index a, Eigen::Index b) { return products(a, a) > products(b, b); });
   const double share = std::sqrt(static_cast<double>(n) / static_cast<double>(pivots));
   detail::SplitMix64 random(1);
   const double noise =
@@ -95,9 +101,9 @@ void scale_by_pivots(ShortestPaths& paths, const std::vector<int>& nodes, const 
   for (int c = 0; c < dim; ++c) {
     Eigen::VectorXf along = Eigen::VectorXf::Zero(n);
     if (c < pivots) {
-      const double value = std::sqrt(std::max(eigen.eigenvalues()[pivots - 1 - c], 0.0));
-      const Eigen::VectorXd axis = eigen.eigenvectors().col(pivots - 1 - c);
-      if (value > 1e-12) along = squares * (axis * std::sqrt(share / value)).cast<float>();
+      const Eigen::Index k = order[static_cast<std::size_t>(c)];
+      const double value = std::sqrt(std::max(products(k, k), 0.0));
+      if (value > 1e-12) along = squares * (axes.col(k) * std::sqrt(share / value)).cast<float>();
     }
     for (Eigen::Index i = 0; i < n; ++i) {
       x[at(nodes[static_cast<std::size_t>(i)]) * at(dim) + at(c)] =

@@ -550,7 +550,7 @@ class PathSolver {
   }
 
   bool factorize() {
-    for (const auto curvature : {ranges::Curvature::True, ranges::Curvature::Convex}) {
+    for (const auto curvature : {ranges::PathCurvature::True, ranges::PathCurvature::Convex}) {
       chain_.assemble(curvature, bound_);
       if (chain_.factorize()) return true;
     }

@@ -2,13 +2,14 @@
 
 // The energy of a path from ranges, and the block band of width two with a border that its minimum needs.
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <complex>
 #include <limits>
 #include <vector>
+
+#include "../terms/kernels.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -74,7 +75,7 @@ inline RangeSlope range_slope(double error, double information, double bound) {
 }
 
 /// Which curvature a range has: the true one, or that of the Gauss-Newton method, which is never negative.
-enum class Curvature { True, Convex };
+enum class PathCurvature { True, Convex };
 
 /// Positions as K real numbers, K / 2 complex ones: 2 in the plane, 4 where the problem is relaxed.
 template <int K>
@@ -159,7 +160,7 @@ class PathChain {
   }
 
   /// Gradient and curvature at x: the columns from `first` on; those before are then of no use.
-  void assemble(Curvature curvature, double bound, std::size_t first = 0) {
+  void assemble(PathCurvature curvature, double bound, std::size_t first = 0) {
     const std::size_t n = nodes();
     clear(first);
     assemble_chain(first);
@@ -188,10 +189,11 @@ class PathChain {
       else
         slope = range_slope(e, range.information, bound);
       const Point u = y / l, g = slope.first * u;
-      const Block h = curvature_of(
-          u,
-          curvature == Curvature::True ? slope.second : (held ? held[i] : slope.weight) * range.information,
-          slope.first / l, curvature);
+      const Block h =
+          curvature_of(u,
+                       curvature == PathCurvature::True ? slope.second
+                                                        : (held ? held[i] : slope.weight) * range.information,
+                       slope.first / l, curvature);
       if (range.at == Complex(0)) {
         gradient[o] += g;
         diagonal_[o] += h;
@@ -205,9 +207,9 @@ class PathChain {
         next_[o] += b.transpose() * ha;
       }
       if (range.beacon >= 0) {
-        const auto j = static_cast<Eigen::Index>(range.beacon) * K, c = static_cast<Eigen::Index>(o) * K;
-        border_.template block<K, K>(j, c) -= h * block(1.0 - range.at);
-        if (range.at != Complex(0)) border_.template block<K, K>(j, c + K) -= h * block(range.at);
+        const auto j = static_cast<Eigen::Index>(range.beacon) * K;
+        subtract_from_border(j, o, h * block(1.0 - range.at));
+        if (range.at != Complex(0)) subtract_from_border(j, o + 1, h * block(range.at));
         corner_.template block<K, K>(j, j) += h;
         border_gradient.template segment<K>(j) -= g;
       }
@@ -267,10 +269,10 @@ class PathChain {
       add(diagonal_[o + 1], w * std::norm(b));
       add(next_[o], w * std::conj(b) * a);
       if (range.beacon >= 0) {
-        const auto j = static_cast<Eigen::Index>(range.beacon) * K, c = static_cast<Eigen::Index>(o) * K;
-        border_.template block<K, K>(j, c) -= w * block(a);
-        border_.template block<K, K>(j, c + K) -= w * block(b);
-        corner_.template block<K, K>(j, j) += w * Block::Identity();
+        const auto j = static_cast<Eigen::Index>(range.beacon) * K;
+        subtract_from_border(j, o, block(w * a));
+        subtract_from_border(j, o + 1, block(w * b));
+        corner_.template block<K, K>(j, j) += block(w);
         border_gradient.template segment<K>(j) -= g;
       }
     }
@@ -312,29 +314,7 @@ class PathChain {
       }
       if (k + 2 < n) l2_[k] = divided(second_[k], a);
     }
-    const Eigen::Index m = corner_.rows();
-    if (m == 0) return true;
-    factor_border_.resize(m, static_cast<Eigen::Index>(n) * K);
-    for (std::size_t k = 0; k < n; ++k) {
-      const auto c = static_cast<Eigen::Index>(k) * K;
-      auto b = factor_border_.template middleCols<K>(c);
-      b = border_.template middleCols<K>(c);
-      if (k >= 1) b.noalias() -= factor_border_.template middleCols<K>(c - K) * l1_[k - 1].transpose();
-      if (k >= 2) b.noalias() -= factor_border_.template middleCols<K>(c - 2 * K) * l2_[k - 2].transpose();
-      for (int i = 0; i < K; ++i) {
-        for (int j = 0; j < i; ++j) b.col(i) -= l0_[k](i, j) * b.col(j);
-        b.col(i) /= l0_[k](i, i);
-      }
-    }
-    Eigen::MatrixXd schur = corner_;
-    schur.noalias() -= factor_border_ * factor_border_.transpose();
-    corner_factor_.compute(schur);
-    if (corner_factor_.info() != Eigen::Success) return false;
-    for (Eigen::Index i = 0; i < m; ++i) {
-      const double pivot = corner_factor_.matrixLLT()(i, i);
-      if (!(pivot * pivot > 1e-13 * corner_(i, i))) return false;
-    }
-    return true;
+    return corner_.rows() == 0 || factorize_border();
   }
 
   /// y = L^-1 right_side from `first` on, where right_side is overwritten.
@@ -365,16 +345,20 @@ class PathChain {
     forward(right_side);
     const Eigen::Index m = corner_.rows();
     if (m > 0) {
-      for (std::size_t k = 0; k < n; ++k)
-        of_border.noalias() -=
-            factor_border_.template middleCols<K>(static_cast<Eigen::Index>(k) * K) * right_side[k];
-      corner_factor_.solveInPlace(of_border);
+      for (std::size_t k = 0; k < n; ++k) {
+        const double* const b = columns(factor_border_, k);
+        for (int i = 0; i < K; ++i) {
+          for (Eigen::Index r = 0; r < m; ++r) of_border[r] -= right_side[k][i] * b[i * m + r];
+        }
+      }
+      lanes_v0_1::solve({corner_factor_.data(), inverse_pivots_.data(), m, of_border.data(), 1});
     }
     const Point zero = Point::Zero();
     for (std::size_t k = n; k-- > 0;) {
-      if (m > 0)
-        right_side[k].noalias() -=
-            factor_border_.template middleCols<K>(static_cast<Eigen::Index>(k) * K).transpose() * of_border;
+      const double* const b = columns(factor_border_, k);
+      for (int i = 0; i < K; ++i) {
+        for (Eigen::Index r = 0; r < m; ++r) right_side[k][i] -= of_border[r] * b[i * m + r];
+      }
       right_side[k] = backward(right_side[k], k, k + 1 < n ? right_side[k + 1] : zero,
                                k + 2 < n ? right_side[k + 2] : zero);
     }
@@ -383,7 +367,7 @@ class PathChain {
     double sum = 0;
     for (std::size_t k = 0; k < nodes(); ++k)
       for (int i = 0; i < K; ++i) sum += std::log(l0_[k](i, i));
-    for (Eigen::Index i = 0; i < corner_.rows(); ++i) sum += std::log(corner_factor_.matrixLLT()(i, i));
+    for (Eigen::Index i = 0; i < corner_.rows(); ++i) sum += std::log(corner_factor_(i, i));
     return 2 * sum;
   }
 
@@ -398,26 +382,28 @@ class PathChain {
     z.own.resize(n);
     z.next.resize(n);
     z.second.resize(n);
+    z.corner.resize(m, m);
+    z.border.setZero(m, m > 0 ? static_cast<Eigen::Index>(n) * K : 0);
     if (m > 0) {
-      z.corner = corner_factor_.solve(Eigen::MatrixXd::Identity(m, m));
-      z.border.resize(m, static_cast<Eigen::Index>(n) * K);
-    } else {
-      z.corner.resize(0, 0);
+      std::vector<double> room(static_cast<std::size_t>(m) * lanes_v0_1::kMostBytes / sizeof(double));
+      lanes_v0_1::invert(lanes_v0_1::Inverse<double>{corner_factor_.data(), m, z.corner.data(), room.data()});
     }
+    Eigen::Matrix<double, Eigen::Dynamic, K> ub(m, K);
     for (std::size_t k = n; k-- > 0;) {
       const bool one = k + 1 < n, two = k + 2 < n;
       const Block zero = Block::Zero();
       const Block u1 = one ? over(l1_[k], l0_[k]) : zero, u2 = two ? over(l2_[k], l0_[k]) : zero;
       Block first = zero, second = zero;
-      Eigen::Matrix<double, Eigen::Dynamic, K> ub(m, K), zb(m, K);
-      const auto c = static_cast<Eigen::Index>(k) * K;
+      double* const zb = columns(z.border, k);
       if (m > 0) {
-        ub = factor_border_.template middleCols<K>(c);
-        for (int i = K - 1; i >= 0; --i) {
-          for (int j = i + 1; j < K; ++j) ub.col(i) -= l0_[k](j, i) * ub.col(j);
+        std::copy_n(columns(factor_border_, k), m * K, ub.data());
+        for (int i = K - 1; i >= 0; --i) {  // times L^-1
+          for (int j = i + 1; j < K; ++j) subtract(ub.data() + i * m, ub.data() + j * m, l0_[k](j, i), m);
           ub.col(i) /= l0_[k](i, i);
         }
-        zb.noalias() = -z.corner * ub;
+        for (int i = 0; i < K; ++i) {
+          for (Eigen::Index c = 0; c < m; ++c) subtract(zb + i * m, &z.corner(0, c), ub(c, i), m);
+        }
       }
       if (one) first.noalias() -= z.own[k + 1] * u1;
       if (two) {
@@ -425,21 +411,18 @@ class PathChain {
         second.noalias() -= z.next[k + 1] * u1;
         second.noalias() -= z.own[k + 2] * u2;
       }
-      if (m > 0) {
-        if (one) {
-          first.noalias() -= z.border.template middleCols<K>(c + K).transpose() * ub;
-          zb.noalias() -= z.border.template middleCols<K>(c + K) * u1;
-        }
-        if (two) {
-          second.noalias() -= z.border.template middleCols<K>(c + 2 * K).transpose() * ub;
-          zb.noalias() -= z.border.template middleCols<K>(c + 2 * K) * u2;
-        }
-        z.border.template middleCols<K>(c) = zb;
+      if (m > 0 && one) {
+        subtract_inner(first, columns(z.border, k + 1), ub.data(), m);
+        subtract_product(zb, columns(z.border, k + 1), u1.transpose(), m);
+      }
+      if (m > 0 && two) {
+        subtract_inner(second, columns(z.border, k + 2), ub.data(), m);
+        subtract_product(zb, columns(z.border, k + 2), u2.transpose(), m);
       }
       Block own = inverse_of(l0_[k]);
       if (one) own.noalias() -= u1.transpose() * first;
       if (two) own.noalias() -= u2.transpose() * second;
-      if (m > 0) own.noalias() -= ub.transpose() * zb;
+      subtract_inner(own, ub.data(), zb, m);
       z.own[k] = 0.5 * (own + own.transpose());
       z.next[k] = first;
       z.second[k] = second;
@@ -488,9 +471,10 @@ class PathChain {
   static void add(Block& b, double a) {
     for (int i = 0; i < K; ++i) b(i, i) += a;
   }
-  static Block curvature_of(const Point& u, double radial, double tangential, Curvature curvature) {
-    if (curvature == Curvature::Convex) tangential = std::max(tangential, 0.0);
-    Block h = (radial - tangential) * u * u.transpose();
+  static Block curvature_of(const Point& u, double radial, double tangential, PathCurvature curvature) {
+    if (curvature == PathCurvature::Convex) tangential = std::max(tangential, 0.0);
+    const Point scaled = (radial - tangential) * u;
+    Block h = scaled * u.transpose();
     add(h, tangential);
     return h;
   }
@@ -538,6 +522,59 @@ class PathChain {
     return root * root.transpose();
   }
 
+  /// Of a matrix of the border's rows, the columns of node k, one after the other.
+  static double* columns(Eigen::MatrixXd& matrix, std::size_t k) {
+    return matrix.data() + matrix.rows() * K * static_cast<Eigen::Index>(k);
+  }
+  static const double* columns(const Eigen::MatrixXd& matrix, std::size_t k) {
+    return matrix.data() + matrix.rows() * K * static_cast<Eigen::Index>(k);
+  }
+  static void subtract(double* to, const double* from, double factor, Eigen::Index m) {
+    for (Eigen::Index r = 0; r < m; ++r) to[r] -= factor * from[r];
+  }
+  /// to -= from B^T, of m x K matrices.
+  static void subtract_product(double* to, const double* from, const Block& b, Eigen::Index m) {
+    for (int i = 0; i < K; ++i) {
+      for (int j = 0; j < K; ++j) subtract(to + i * m, from + j * m, b(i, j), m);
+    }
+  }
+  /// to -= a^T b.
+  static void subtract_inner(Block& to, const double* a, const double* b, Eigen::Index m) {
+    for (int i = 0; i < K; ++i) {
+      for (int j = 0; j < K; ++j) {
+        for (Eigen::Index r = 0; r < m; ++r) to(i, j) -= a[i * m + r] * b[j * m + r];
+      }
+    }
+  }
+
+  /// The border's rows of the factor, and the factor of what is left of the corner.
+  bool factorize_border() {
+    const std::size_t n = nodes();
+    const Eigen::Index m = corner_.rows();
+    factor_border_.resize(m, static_cast<Eigen::Index>(n) * K);
+    corner_factor_ = corner_;
+    for (std::size_t k = 0; k < n; ++k) {
+      double* const b = columns(factor_border_, k);
+      std::copy_n(columns(border_, k), m * K, b);
+      if (k >= 1) subtract_product(b, columns(factor_border_, k - 1), l1_[k - 1], m);
+      if (k >= 2) subtract_product(b, columns(factor_border_, k - 2), l2_[k - 2], m);
+      for (int i = 0; i < K; ++i) {  // times L^-T
+        double* const column = b + i * m;
+        for (int j = 0; j < i; ++j) subtract(column, b + j * m, l0_[k](i, j), m);
+        for (Eigen::Index r = 0; r < m; ++r) column[r] /= l0_[k](i, i);
+        for (Eigen::Index c = 0; c < m; ++c) subtract(&corner_factor_(c, c), column + c, column[c], m - c);
+      }
+    }
+    if (lanes_v0_1::factorize(lanes_v0_1::SymmetricMatrix<double>{corner_factor_.data(), m, m}) < m)
+      return false;
+    inverse_pivots_ = corner_factor_.diagonal().cwiseInverse();
+    for (Eigen::Index i = 0; i < m; ++i) {
+      const double pivot = corner_factor_(i, i);
+      if (!(pivot * pivot > 1e-13 * corner_(i, i))) return false;
+    }
+    return true;
+  }
+
   void clear(std::size_t first) {
     resize();
     for (std::size_t k = first; k < nodes(); ++k) {
@@ -552,15 +589,20 @@ class PathChain {
     border_gradient.setZero();
   }
 
+  void subtract_from_border(Eigen::Index row, std::size_t node, const Block& b) {
+    border_.template block<K, K>(row, static_cast<Eigen::Index>(node) * K) -= b;
+  }
   void add_to_corner(double slope, double curvature) {
     border_gradient[scale_row()] += slope;
     corner_(scale_row(), scale_row()) += curvature;
   }
   /// What a term of step k and the scale adds besides what belongs to the step alone.
   void add_scale(std::size_t k, const Point& both, double slope, double curvature) {
-    auto row = border_.row(scale_row()).template segment<2 * K>(static_cast<Eigen::Index>(k) * K);
-    row.template head<K>() += both.transpose();
-    row.template tail<K>() -= both.transpose();
+    const Eigen::Index c = static_cast<Eigen::Index>(k) * K;
+    for (int i = 0; i < K; ++i) {
+      border_(scale_row(), c + i) += both[i];
+      border_(scale_row(), c + K + i) -= both[i];
+    }
     add_to_corner(slope, curvature);
   }
 
@@ -596,8 +638,8 @@ class PathChain {
 
   const PathTerms& terms_;
   List<Block> diagonal_, next_, second_, l0_, l1_, l2_;
-  Eigen::MatrixXd border_, corner_, factor_border_;
-  Eigen::LLT<Eigen::MatrixXd> corner_factor_;
+  Eigen::MatrixXd border_, corner_, factor_border_, corner_factor_;
+  Eigen::VectorXd inverse_pivots_;
 };
 
 }  // namespace ranges

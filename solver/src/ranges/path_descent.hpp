@@ -20,17 +20,18 @@ class PathDescent {
   /// Minimises the chain's energy from where it is. Returns whether it has converged.
   bool run(PathChain<K>& chain, double bound, int max_iterations) {
     damping_ = 0;
-    Curvature curvature = Curvature::Convex;
+    PathCurvature curvature = PathCurvature::Convex;
     double energy = chain.energy(bound);
     for (int i = 0; i < max_iterations && std::isfinite(energy) && !stopped(); ++i) {
       const double decrement = step(chain, bound, curvature, energy);
       if (decrement < 0) continue;  // no step; damping has grown
-      if (decrement < 1e-3 * (1 + energy)) curvature = Curvature::True;
-      if (damping_ == 0 && used_ == Curvature::True && decrement < 1e-13 * (1 + energy)) {
+      if (decrement < 1e-3 * (1 + energy)) curvature = PathCurvature::True;
+      if (damping_ == 0 && used_ == PathCurvature::True && decrement < 1e-13 * (1 + energy)) {
         finish(chain, bound);
         return true;
       }
-      if (used_ == Curvature::Convex && curvature == Curvature::True && decrement < 1e-20 * (1 + energy))
+      if (used_ == PathCurvature::Convex && curvature == PathCurvature::True &&
+          decrement < 1e-20 * (1 + energy))
         return true;
       if (damping_ > 1e12) return decrement < 1e-9 * (1 + energy);
     }
@@ -49,7 +50,7 @@ class PathDescent {
     damping_ = 0;
     for (double stage = 2 * largest; stage > bound && std::isfinite(stage) && !stopped(); stage /= 2) {
       double energy = chain.energy(stage);
-      for (int tries = 0; tries < 5 && step(chain, stage, Curvature::Convex, energy) < 0; ++tries) {
+      for (int tries = 0; tries < 5 && step(chain, stage, PathCurvature::Convex, energy) < 0; ++tries) {
       }
     }
   }
@@ -58,7 +59,7 @@ class PathDescent {
 
  private:
   /// Half the slope along the step, or -1 if none was taken.
-  double step(PathChain<K>& chain, double bound, Curvature curvature, double& energy) {
+  double step(PathChain<K>& chain, double bound, PathCurvature curvature, double& energy) {
     if (!factorize(chain, bound, curvature)) return -1;
     const double decrement = direction(chain);
     old_ = chain.x;
@@ -78,15 +79,15 @@ class PathDescent {
     return -1;
   }
 
-  bool factorize(PathChain<K>& chain, double bound, Curvature curvature) {
+  bool factorize(PathChain<K>& chain, double bound, PathCurvature curvature) {
     for (;;) {
       ++iterations_;
       used_ = curvature;
       chain.assemble(curvature, bound);
       if (damping_ > 0) chain.damp(damping_);
       if (chain.factorize()) return true;
-      if (curvature == Curvature::Convex) break;
-      curvature = Curvature::Convex;
+      if (curvature == PathCurvature::Convex) break;
+      curvature = PathCurvature::Convex;
     }
     damping_ = std::max(1e-10, 10 * damping_);
     return false;
@@ -102,7 +103,7 @@ class PathDescent {
   }
   /// Where the energy's digits are used up, a last step by the gradient's.
   void finish(PathChain<K>& chain, double bound) {
-    if (!factorize(chain, bound, Curvature::True) || used_ != Curvature::True) return;
+    if (!factorize(chain, bound, PathCurvature::True) || used_ != PathCurvature::True) return;
     direction(chain);
     chain.move(step_, border_step_);
   }
@@ -110,7 +111,7 @@ class PathDescent {
   const std::atomic<bool>* stop_;
   std::vector<typename PathChain<K>::Point> step_, old_, old_beacons_;
   Eigen::VectorXd border_step_;
-  Curvature used_ = Curvature::Convex;
+  PathCurvature used_ = PathCurvature::Convex;
   double damping_ = 0;
   int iterations_ = 0;
 };

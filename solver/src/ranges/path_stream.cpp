@@ -27,8 +27,8 @@ const char* PathStreamOptions::problem() const {
 }
 
 using ranges::Complex;
-using ranges::Curvature;
 using ranges::PathChain;
+using ranges::PathCurvature;
 using ranges::PathRange;
 using Point = PathChain<2>::Point;
 using Block = PathChain<2>::Block;
@@ -131,7 +131,7 @@ class PathStream::Implementation {
     const std::size_t n = chain_.nodes();
     if (n < 2) return;
     const double small = 1e-6 * options_.shortest;
-    Curvature curvature = Curvature::True;
+    PathCurvature curvature = PathCurvature::True;
     double before = std::numeric_limits<double>::infinity();
     for (int i = 0; i < 60; ++i) {
       std::size_t first = relinearise(small, 0);
@@ -139,7 +139,7 @@ class PathStream::Implementation {
       const double largest = solve(first, curvature, 0);
       if (largest < small) return;
       // Newton's method may leave the basin, or come no nearer.
-      curvature = i > 3 && largest > before / 2 ? Curvature::Convex : Curvature::True;
+      curvature = i > 3 && largest > before / 2 ? PathCurvature::Convex : PathCurvature::True;
       before = largest;
     }
   }
@@ -220,7 +220,7 @@ class PathStream::Implementation {
     const std::size_t n = chain_.nodes();
     const std::size_t lately = n > kLately ? n - kLately : 0;
     const std::size_t first = relinearise(1e-3 * options_.shortest, lately);
-    solve(std::min(first, dirty_), Curvature::Convex, 1e-4 * options_.shortest);
+    solve(std::min(first, dirty_), PathCurvature::Convex, 1e-4 * options_.shortest);
   }
 
   /// The linearisation moves to the estimate, from the first position on that is away from it by more than
@@ -239,12 +239,12 @@ class PathStream::Implementation {
   /// Solves for the distances from the linearisation, where the positions from `changed` on, or their terms,
   /// have changed. From where on the solution changes by less than `quiet`, earlier ones are kept. Returns
   /// the largest distance.
-  double solve(std::size_t changed, Curvature curvature, double quiet) {
+  double solve(std::size_t changed, PathCurvature curvature, double quiet) {
     const std::size_t n = chain_.nodes(), first = changed < 2 ? 0 : changed - 2;
     if (first < n) {
       chain_.assemble(curvature, bound_, first);
       if (!chain_.factorize(first)) {
-        chain_.assemble(Curvature::Convex, bound_, first);
+        chain_.assemble(PathCurvature::Convex, bound_, first);
         if (!chain_.factorize(first)) {
           // Columns before have another linearisation; all are renewed.
           for (std::size_t k = 0; k < n; ++k) {
@@ -252,7 +252,7 @@ class PathStream::Implementation {
             delta_[k].setZero();
           }
           dirty_ = 0;
-          chain_.assemble(Curvature::Convex, bound_);
+          chain_.assemble(PathCurvature::Convex, bound_);
           if (!chain_.factorize()) return 0;
           return back(0, quiet);
         }

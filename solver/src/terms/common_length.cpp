@@ -46,8 +46,9 @@ Eigen::VectorXd CommonLength::ranges(const Points& x) const {
   const Numbers length = numbers(kEachLength), stiffness = numbers(kEachStiffness);
   Eigen::VectorXd result = Eigen::VectorXd::Zero(size());  // of what has no stiffness, any number will do
   for (int e = 0; e < size(); ++e) {
-    if (*stiffness[e] > 0)
-      result[e] = (x.col(nodes()(0, e)) - x.col(nodes()(1, e))).stableNorm() - *length[e];
+    if (!(*stiffness[e] > 0)) continue;
+    const detail::PointOf<Eigen::Dynamic> offset = x.col(nodes()(0, e)) - x.col(nodes()(1, e));
+    result[e] = detail::stable_norm(offset) - *length[e];
   }
   return result;
 }

@@ -67,6 +67,14 @@ double length_and_direction(int i, int j, const Point& v, Point& direction, cons
   return largest * root;
 }
 
+/// |v| without overflow or underflow. Eigen's stableNorm takes some tenths of a second to compile for each
+/// type of vector.
+double stable_norm(const double* v, Eigen::Index size);
+template <typename Vector>
+double stable_norm(const Vector& v) {
+  return stable_norm(v.data(), v.size());
+}
+
 /// Whether a matrix is symmetric and positive semi-definite, up to rounding.
 bool is_semidefinite(const Eigen::Ref<const Eigen::MatrixXd>& matrix);
 /// The largest eigenvalue of a symmetric matrix.

@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/matrix/diagonalise.hpp>
 #include <asterism/solver/terms/kinds.hpp>
@@ -22,6 +24,21 @@ Eigen::VectorXd eigenvalues(Eigen::MatrixXd matrix) {
 }
 
 }  // namespace
+
+double stable_norm(const double* v, Eigen::Index size) {
+  constexpr double kLeastSquare = std::numeric_limits<double>::min() / std::numeric_limits<double>::epsilon();
+  double square = 0, largest = 0;
+  for (Eigen::Index i = 0; i < size; ++i) {
+    square += v[i] * v[i];
+    largest = std::max(largest, std::abs(v[i]));
+  }
+  if (square >= kLeastSquare && is_finite(square)) return std::sqrt(square);
+  if (is_nan(square)) return square;
+  if (!(largest > 0 && is_finite(largest))) return largest;
+  double scaled = 0;
+  for (Eigen::Index i = 0; i < size; ++i) scaled += (v[i] / largest) * (v[i] / largest);
+  return largest * std::sqrt(scaled);
+}
 
 bool is_semidefinite(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
   constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();

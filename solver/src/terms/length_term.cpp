@@ -20,6 +20,7 @@ inline namespace ASTERISM_ABI {
 
 using detail::BlockOf;
 using detail::PointOf;
+using detail::stable_norm;
 
 namespace {
 
@@ -506,11 +507,11 @@ Term::Magnitude LengthTerm::magnitude(const Points& x, int begin, int end) const
   const Numbers information = numbers(kInformation);
   for_each<D>(
       x, begin, end, [&](int e, const PointOf<D>& v, const PointOf<D>&, const Force& force, double k) {
-        const double length = v.stableNorm();
+        const double length = stable_norm(v);
         double parts = length, size = 1;
-        if (offset) parts += 2 * Eigen::Map<const PointOf<D>>(offset[e], dim).stableNorm();
+        if (offset) parts += 2 * stable_norm(offset[e], dim);
         for (int a = 0; n > 2 && a < n; ++a)
-          parts += std::abs(coefficients_[static_cast<std::size_t>(a)]) * x.col(nodes()(a, e)).stableNorm();
+          parts += std::abs(coefficients_[static_cast<std::size_t>(a)]) * stable_norm(x.col(nodes()(a, e)));
         if (information)
           size = detail::largest_eigenvalue(Eigen::Map<const Eigen::MatrixXd>(information[e], dim, dim));
         const double lengths = *rest[e] + (law() == LinkLaw::Interval ? *upper[e] : 0.0);

@@ -11,6 +11,7 @@ inline namespace ASTERISM_ABI {
 
 using detail::BlockOf;
 using detail::PointOf;
+using detail::stable_norm;
 
 namespace {
 
@@ -172,14 +173,13 @@ Term::Magnitude LinearTerm::magnitude(const Points& x) const {
   detail::with_dim(dim, [&]<int D>() {
     for_each<D>(x, [&](int e, const Coefficient* c, const PointOf<D>& d, const PointOf<D>&,
                        const Derivatives<double>&, double k) {
-      const double length = d.stableNorm();
+      const double length = stable_norm(d);
       double parts = length, largest = 1;
-      if (n > 1) parts += Eigen::Map<const PointOf<D>>(target()[e], dim).stableNorm();
+      if (n > 1) parts += stable_norm(target()[e], dim);
       for (int a = 0; n > 1 && a < n; ++a) {
-        const double size = c[a].matrix == nullptr
-                                ? std::abs(c[a].factor)
-                                : Eigen::Map<const BlockOf<D>>(c[a].matrix, dim, dim).norm();
-        parts += size * x.col(nodes()(a, e)).stableNorm();
+        const double size = c[a].matrix == nullptr ? std::abs(c[a].factor)
+                                                   : stable_norm(c[a].matrix, Eigen::Index{dim} * dim);
+        parts += size * stable_norm(x.col(nodes()(a, e)));
         largest = std::max(largest, size);
       }
       // The force changes with d by at most k S, for robust losses as far as they are not convex.

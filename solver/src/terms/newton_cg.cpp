@@ -201,6 +201,26 @@ class HessianOperator final : public CurvatureSink {
   std::vector<int> fixed_;
 };
 
+// The inverse of a symmetric positive definite block, in place.
+template <typename Block>
+void invert_definite(Block& block) {
+  if constexpr (Block::RowsAtCompileTime != Eigen::Dynamic) {
+    block = block.inverse().eval();
+  } else {  // Gauss and Jordan; Eigen's is a decomposition that takes a second to compile
+    for (Eigen::Index k = 0; k < block.rows(); ++k) {
+      const double inverse_pivot = 1 / block(k, k);
+      block(k, k) = 1;
+      for (Eigen::Index j = 0; j < block.rows(); ++j) block(k, j) *= inverse_pivot;
+      for (Eigen::Index i = 0; i < block.rows(); ++i) {
+        if (i == k) continue;
+        const double factor = block(i, k);
+        block(i, k) = 0;
+        for (Eigen::Index j = 0; j < block.rows(); ++j) block(i, j) -= factor * block(k, j);
+      }
+    }
+  }
+}
+
 // The inverses of the diagonal blocks of the clamped second derivatives, with a share of the nodes'
 // stiffness: those of nodes, and of hidden unknowns.
 class BlockDiagonal final : public CurvatureSink {
@@ -230,7 +250,7 @@ class BlockDiagonal final : public CurvatureSink {
         if (system.is_fixed(i)) {
           block.setIdentity();
         } else {
-          block = BlockOf<D>(block).inverse().eval();
+          invert_definite(block);
         }
       }
     });

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "direction.hpp"
 #include "matrix.hpp"
 #include "rotation.hpp"
 
@@ -270,7 +271,7 @@ void SystemRun::judge(Status reason) {
   }
   summary_.lower_bound = lower_bound_;
   summary_.final_energy = energy_;
-  summary_.gradient_norm = gradient_.stableNorm();
+  summary_.gradient_norm = stable_norm(gradient_);
   summary_.stationarity = rule_.stationarity(gradient_);
 }
 

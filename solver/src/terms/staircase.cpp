@@ -1,5 +1,4 @@
 #include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <algorithm>
 #include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/base/memory.hpp>
@@ -14,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "kernels.hpp"
 #include "matrix.hpp"
 #include "methods.hpp"
 #include "prover.hpp"
@@ -49,6 +49,14 @@ System lifted(const System& system, int dim) {
   return result;
 }
 
+// Without eigenvectors, which Eigen's solver would compile even if it computes none.
+double least_eigenvalue(const Eigen::MatrixXd& symmetric) {
+  const Eigen::Tridiagonalization<Eigen::MatrixXd> band(symmetric);
+  Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen;
+  eigen.computeFromTridiagonal(band.diagonal(), band.subDiagonal(), Eigen::EigenvaluesOnly);
+  return eigen.eigenvalues()[0];
+}
+
 // W: the second derivatives by the last coordinate of all nodes, at points where it is 0. It is coupled to no
 // other coordinate there.
 class LastCoordinate final : public CurvatureSink {
@@ -81,19 +89,23 @@ class LastCoordinate final : public CurvatureSink {
   // that rounding may not have made.
   double negative_direction(Eigen::VectorXd& v) const {
     if (!all_finite(w_) || w_.size() == 0) return 0;
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(w_, Eigen::EigenvaluesOnly);
-    const double least = eigen.eigenvalues()[0], size = w_.diagonal().cwiseAbs().maxCoeff();
+    const double least = least_eigenvalue(w_), size = w_.diagonal().cwiseAbs().maxCoeff();
     const double rounding = 64 * std::numeric_limits<double>::epsilon() * size;
     if (!(least + rounding < 0)) return 0;
     // By inverse iterations, which take a tenth of what all eigenvectors do.
     constexpr double kNear = 1e-10;
     constexpr int kIterations = 3;
-    Eigen::MatrixXd shifted = w_;
-    shifted.diagonal().array() -= least - kNear * size;
-    const Eigen::PartialPivLU<Eigen::MatrixXd> inverse(shifted);
-    v.resize(w_.rows());
-    for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = std::sin(static_cast<double>(i * i + 1));
-    for (int iteration = 0; iteration < kIterations; ++iteration) v = inverse.solve(v).normalized();
+    const Eigen::Index n = w_.rows();
+    Eigen::MatrixXd factor = w_;
+    factor.diagonal().array() -= least - kNear * size;  // positive definite
+    if (lanes_v0_1::factorize(lanes_v0_1::SymmetricMatrix<double>{factor.data(), n, n}) < n) return 0;
+    const Eigen::VectorXd inverse_pivots = factor.diagonal().cwiseInverse();
+    v.resize(n);
+    for (Eigen::Index i = 0; i < n; ++i) v[i] = std::sin(static_cast<double>(i * i + 1));
+    for (int iteration = 0; iteration < kIterations; ++iteration) {
+      lanes_v0_1::solve({factor.data(), inverse_pivots.data(), n, v.data(), 1});
+      v.normalize();
+    }
     return v.dot(w_ * v) < 0 ? least + rounding : 0;
   }
 

@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "direction.hpp"
 #include "stopping_rule.hpp"
 
 namespace asterism {
@@ -181,8 +182,10 @@ Eigen::MatrixXd offsets_at(const Eigen::MatrixXd& x, const Eigen::Matrix2Xi& pai
 
 Eigen::VectorXd lengths_at(const Eigen::MatrixXd& x, const Eigen::Matrix2Xi& pairs) {
   Eigen::VectorXd lengths(pairs.cols());
-  for (Eigen::Index l = 0; l < pairs.cols(); ++l)
-    lengths[l] = (x.col(pairs(0, l)) - x.col(pairs(1, l))).stableNorm();
+  for (Eigen::Index l = 0; l < pairs.cols(); ++l) {
+    const detail::PointOf<Eigen::Dynamic> offset = x.col(pairs(0, l)) - x.col(pairs(1, l));
+    lengths[l] = detail::stable_norm(offset);
+  }
   return lengths;
 }
 
@@ -288,7 +291,8 @@ bool SystemRule::set(const System& system, const Eigen::MatrixXd& x, double tole
   // stiffness either, any length will do.
   if (length_ == 0 && (gradient.array() != 0).any()) {
     for (int i = 0; i < n; ++i) {
-      if (stiffness_[i] > 0) length_ = std::max(length_, gradient.col(i).stableNorm() / stiffness_[i]);
+      if (stiffness_[i] > 0)
+        length_ = std::max(length_, detail::stable_norm(gradient.col(i)) / stiffness_[i]);
     }
     if (length_ == 0) length_ = 1;
   }
@@ -372,7 +376,7 @@ inline double norm_of(const Eigen::MatrixXd& vectors, Eigen::Index i) {
   const double* const v = vectors.data() + vectors.rows() * i;
   double square = 0;
   for (Eigen::Index d = 0; d < vectors.rows(); ++d) square += v[d] * v[d];
-  return square >= kLeast && is_finite(square) ? std::sqrt(square) : vectors.col(i).stableNorm();
+  return square >= kLeast && is_finite(square) ? std::sqrt(square) : stable_norm(v, vectors.rows());
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <asterism/solver/terms/kinds.hpp>
 #include <cmath>
 
+#include "direction.hpp"
 #include "loss.hpp"
 
 namespace asterism {
@@ -22,7 +23,7 @@ struct Plane {
   Eigen::VectorXd along_a, along_b, across_a, across_b;
 
   Plane(const Eigen::VectorXd& edge_a, const Eigen::VectorXd& edge_b)
-      : a(edge_a.stableNorm()), b(edge_b.stableNorm()), cosine(0), sine(0) {
+      : a(detail::stable_norm(edge_a)), b(detail::stable_norm(edge_b)), cosine(0), sine(0) {
     if (!(a > 0 && b > 0)) return;
     along_a = edge_a / a;
     along_b = edge_b / b;
