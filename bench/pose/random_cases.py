@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """asterism.pose.fuse beside simple methods on random recordings of a known truth, of every size and kind.
 
-random_cases.py [--seeds A B] [--stream]: one line a case in which fuse is clearly worse than the best of the simple methods, raises, gives NaN, or
+random_cases.py [--seeds A B] [--stream | --few]: one line a case in which fuse is clearly worse than the best of the simple methods, raises, gives NaN, or
 takes long; then a table of the kinds of motion: errors beside those of the best simple method, and how often the 95 % regions contain the truth.
---stream: instead, the newest points of a Stream, whose scales are those of fuse of the same recording, beside those of this fuse.
+--stream: instead, the newest points of a Stream, whose scales are those of fuse of the same recording, beside those of this fuse. --few: instead, one to nine frames of three to six cameras with wrong detections, beside RANSAC: how many points that at
+least three cameras see are off by more than ten times the noise.
 """
 
 import argparse
@@ -68,7 +69,7 @@ def rotation(rng):
 class Case:
     """Detections, how they came about and the truth; all of one seed."""
 
-    def __init__(self, seed):
+    def __init__(self, seed, few=False):
         rng = np.random.default_rng((7, seed))
         self.kind = list(MOTIONS)[int(rng.integers(len(MOTIONS)))]
         self.dim = int(rng.integers(2, 4))
@@ -83,6 +84,10 @@ class Case:
         self.stretches = bool(rng.random() < 0.3)
         self.uneven = bool(rng.random() < 0.25)
         self.rounded = bool(rng.random() < 0.15)
+        if few:
+            self.dim, self.views, self.frames, self.stretches = 3, int(rng.integers(3, 7)), int(rng.integers(1, 10)), False
+            self.wrong, self.missing = float(rng.choice([0.05, 0.15, 0.3])), float(rng.choice([0, 0.1]))
+            self.unit = float(10.0 ** rng.choice([-3, 0, 3]))
         times = np.cumsum(rng.uniform(0.05, 2, self.frames)) if self.uneven else np.arange(self.frames) * 1.0
         self.times = times * float(10.0 ** rng.choice([-2, 0, 3])) if self.uneven else None
         path = MOTIONS[self.kind](rng, self.frames, self.joints, self.dim)
@@ -195,11 +200,33 @@ def stream(seeds):
         print(f"{key:16} {len(row):4} cases: median error {errors[0]:.2f} of fuse's, 90 % error {errors[1]:.2f}; regions contain {row[:, 2].mean():.3f}, of the worst tenth {np.quantile(row[:, 2], 0.1):.3f}")
 
 
+def few(seeds):
+    rows = {}
+    for seed in seeds:
+        case = Case(seed, few=True)
+        if (case.number.sum(0) == 0).any():
+            continue
+        fused = pose.fuse(case.detections, case.confidence, case.cameras, times=case.times)
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore", RuntimeWarning)
+            robust = peers.interpolated(peers.ransac(case.detections, case.cameras, threshold=5 * case.noise)[0])
+        is_judged = case.number >= 3
+        off = [np.linalg.norm(path - case.truth, axis=-1)[is_judged] > 10 * case.ideal for path in (fused.points, robust)]
+        for key in (f"{case.frames} frames", f"{case.views} views", f"{case.wrong:g} wrong", "all"):
+            rows.setdefault(key, []).append(np.array([off[0].sum(), off[1].sum(), is_judged.sum()]))
+    for key, row in sorted(rows.items()):
+        fused, robust, count = np.sum(row, 0)
+        print(f"{key:10} {len(row):4} cases, {count:6} points: off {fused / count:.1%}, RANSAC {robust / count:.1%}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 200))
     parser.add_argument("--stream", action="store_true")
+    parser.add_argument("--few", action="store_true")
     options = parser.parse_args()
+    if options.few:
+        return few(range(*options.seeds))
     if options.stream:
         return stream(range(*options.seeds))
     groups, flags = {}, 0

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "pose_groups.hpp"
+#include "pose_pairs.hpp"
 
 namespace asterism::python::pose {
 
@@ -40,6 +41,8 @@ constexpr double kOverrelaxed = 3;
 /// The least change of velocity in a frame, in sizes of the scene: that of a joint that rests, or is seen
 /// once.
 constexpr double kStill = 1e-5;
+/// Of fewer frames, what a view is off by in all of them cannot be told from outliers.
+constexpr Index kOffsetFrames = 10;
 /// The prior of a point holds where nothing else does; its deviation, in sizes of the scene.
 constexpr double kFarAway = 100;
 
@@ -300,9 +303,10 @@ int take_explained(Numbers matrix, Numbers& errors) {
   return rank;
 }
 
-/// Factors of the first guess.
+/// Factors of the first guess; or the points on which pairs of views agree, instead of a wide distribution.
 struct Start {
   double noise = 1, motion = 1;
+  bool is_by_pairs = false;
 };
 constexpr Start kStarts[] = {{1, 1},       {1.0 / 4, 1.0 / 16}, {1.0 / 16, 1.0 / 256}, {1.0 / 64, 1.0 / 4096},
                              {1.0 / 4, 1}, {1.0 / 16, 1},       {1.0 / 64, 1}};
@@ -312,6 +316,7 @@ class Estimator {
  public:
   Estimator(const Part& part, const Start& start)
       : part_(part),
+        is_by_pairs_(start.is_by_pairs),
         groups_(part.of.dim, part.frames, part.of.views, part.count(), part.of.cameras, part.of.area),
         middle_(part.middle()),
         scales_(part.first_guess(middle_)),
@@ -334,11 +339,12 @@ class Estimator {
   /// squares), and at the latest after `steps`. The scales themselves are not asked: those of a joint that
   /// moves little change long after they have stopped to matter.
   void run(double settled, int steps) {
-    const double typical = median(middle_.magnification), target = median(scales_.noise);
-    const double smallest = 1e-5 * scales_.extent * typical;
     const Index views = part_.of.views;
     double width = std::sqrt(*std::max_element(part_.of.area, part_.of.area + views)) / 4;
     start(width);
+    if (is_by_pairs_) width = 2 * start_by_pairs();
+    const double typical = median(middle_.magnification), target = median(scales_.noise);
+    const double smallest = 1e-5 * scales_.extent * typical;
     set_prior(true);
     while (steps > 0) {
       const bool is_wide = width > target;
@@ -448,6 +454,25 @@ class Estimator {
     for (int turn = 0; turn < (part_.of.dim == 3 ? 3 : 1); ++turn) groups_.solve(true);
   }
 
+  /// Goes to the most probable points on which pairs of views agree. Sets and returns the noise.
+  double start_by_pairs() {
+    const Meetings meetings(part_.of, part_.frames, part_.count(),
+                            [&](Index v, Index t, Index k) { return part_.at(v, t, k); });
+    const double noise = meetings.noise(median(scales_.noise)), variance = noise * noise;
+    std::fill(scales_.noise.begin(), scales_.noise.end(), noise);
+    meetings.for_each_best(noise, [&](const Meeting& best) {
+      JointGroup& g = groups_.all[static_cast<std::size_t>(best.joint / groups_.kernel.lanes)];
+      const Index lane = best.joint % groups_.kernel.lanes;
+      for (Index c = 0; c < 3; ++c) groups_.at(g.points, best.frame * 3 + c, lane) = best.point[c];
+      for (Index v = 0; v < part_.of.views; ++v) {
+        const bool agrees = best.squares[static_cast<std::size_t>(v)] < 9 * variance;
+        groups_.at(g.weight, best.frame * part_.of.views + v, lane) = agrees ? 1 / variance : 0;
+      }
+    });
+    groups_.solve(false);
+    return noise;
+  }
+
   void set_variance(double width) {
     groups_.for_each_joint([&](JointGroup& g, Index lane, Index k) {
       for (Index v = 0; v < part_.of.views; ++v) {
@@ -512,7 +537,8 @@ class Estimator {
       const Index lane = k % groups_.kernel.lanes;
       for (Index i = 0; i < 2 * views; ++i) {
         const double noise = scales_.noise[at(i / 2, k)], count = groups_.at(sums_[group].count, i / 2, lane);
-        const double share = count > 0 ? lasting / (lasting + noise * noise / count) : 0;
+        const bool is_known = count > 0 && part_.frames >= kOffsetFrames;
+        const double share = is_known ? lasting / (lasting + noise * noise / count) : 0;
         const double mean = means[static_cast<std::size_t>(k)][static_cast<std::size_t>(i)],
                      offset = -share * mean;
         groups_.at(groups_.all[group].offset, i, lane) = offset;
@@ -583,6 +609,7 @@ class Estimator {
   }
 
   const Part& part_;
+  bool is_by_pairs_;
   Groups groups_;
   Middle middle_;
   Scales scales_;
@@ -597,6 +624,8 @@ class Estimator {
 inline Start best_start(const Part& part, double settled) {
   constexpr Index kStretch = 60;
   constexpr int kSteps = 8;
+  // Without motion, each point is on its own.
+  if (part.frames < 3 && part.of.dim == 3 && part.of.views > 2) return {1, 1, true};
   const Index begin = part.begin + std::max<Index>(part.frames - kStretch, 0) / 2;
   const Part stretch(part.of, begin, std::min(part.begin + part.frames, begin + kStretch));
   if (stretch.joints.empty()) return {};
@@ -634,7 +663,7 @@ inline std::optional<Estimate> estimated(const Recording& recording, Index begin
   const Part part(recording, begin, end);
   if (part.joints.empty()) return std::nullopt;
   const Start start = best_start(part, settled);
-  if (start.noise < 1) {
+  if (start.noise < 1 || start.is_by_pairs) {
     try {
       return estimated(part, start, settled, steps);
     } catch (const std::invalid_argument&) {  // it was good on the stretch alone

@@ -251,6 +251,21 @@ class FuseTest(unittest.TestCase):
             self.assertLess(np.linalg.norm(found.points - truth[:frames], axis=-1).max(), 0.1)
             self.assertTrue(np.isfinite(found.covariance).all())
 
+    def test_few_frames_with_wrong_detections(self):
+        # Each joint has one wrong detection in each frame, beside three right ones or more.
+        for views, frames in ((4, 1), (4, 2), (6, 2), (5, 3), (6, 6)):
+            for seed in range(6):
+                truth, seen, _, cameras = recording(seed, views, frames, 5, outliers=0, missing=0)
+                rng = np.random.default_rng((7, seed))
+                wrong = rng.integers(views, size=(frames, 5))
+                for t in range(frames):
+                    for j in range(5):
+                        seen[wrong[t, j], t, j] = rng.uniform((0, 0), (1280, 1024))
+                found = pose.fuse(seen, None, cameras)
+                with self.subTest(views=views, frames=frames, seed=seed):
+                    self.assertLess(np.linalg.norm(found.points - truth, axis=-1).max(), 0.1)  # about seven deviations
+                    np.testing.assert_array_equal(found.offsets, 0)  # two frames alike are no calibration's error
+
     def test_few_frames_of_joints_that_turn(self):
         """Three or four frames are no reason to assume that joints move in straight lines."""
         for frames in (3, 4):
