@@ -212,8 +212,8 @@ class SelectedInverse {
     const auto L = triangle_.template triangularView<Eigen::UnitLower>();
     square_.setIdentity(width, width);
     L.solveInPlace(square_);  // L_JJ^-1
-    inverse_.noalias() =
-        square_.transpose() * pivots.segment(begin, width).cwiseInverse().asDiagonal() * square_;
+    block_ = pivots.segment(begin, width).cwiseInverse().asDiagonal() * square_;
+    inverse_.noalias() = square_.transpose() * block_;
     if (m > 0) {
       gather(below, m);
       L.template solveInPlace<Eigen::OnTheRight>(product_);  // Y
