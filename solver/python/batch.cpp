@@ -286,13 +286,16 @@ void bind_batch(py::module_& m) {
       "(M,), values of Status: `status == Status.CONVERGED`.");
   def_verdict<int>(
       type, "iterations", [](auto& b, int i) { return b.iterations(i); }, "(M,), -1 until known.");
-  def_verdict<int>(
-      type, "positive_definite",
-      [](auto& b, int i) {
-        const std::optional<bool> definite = b.positive_definite(i);
-        return definite ? int{*definite} : -1;
+  type.def_property_readonly(
+      "positive_definite",
+      [](AnyBatch& self) {
+        return self.visit([](auto& batch) {
+          py::array result(py::dtype("O"), batch.size());
+          for (int i = 0; i < batch.size(); ++i) result[py::int_(i)] = batch.positive_definite(i);
+          return result;
+        });
       },
-      "(M,): 1 if the Hessian is positive definite, 0 if not, -1 if it was not tested.");
+      "(M,), objects: True if the Hessian is positive definite, False if not, None if it was not tested.");
   def_verdict<double>(
       type, "initial_energy", [](auto& b, int i) { return b.initial_energy(i); }, "(M,), -1 until known.");
   def_verdict<double>(

@@ -956,8 +956,21 @@ class BatchTest(unittest.TestCase):
             self.assertTrue(summary)
             self.assertTrue(np.all(batch.status == asterism.Status.CONVERGED))
             self.assertEqual([asterism.Status(s) for s in np.unique(batch.status)], [asterism.Status.CONVERGED])
-            self.assertTrue(np.all(batch.positive_definite == 1))
+            self.assertTrue(all(definite is True for definite in batch.positive_definite))
             self.assertTrue(np.all(batch.stationarity <= 1e-8))
+
+    def test_systems_without_a_verdict(self):
+        batch = asterism.SpringBatch(asterism.Topology.full(2), 1)
+        self.assertEqual(list(batch.positive_definite), [None])
+        # Two nodes on one anchor have a circle of minima.
+        batch.anchors[:] = 0
+        batch.anchor_stiffness[:] = batch.link_stiffness[:] = batch.rest_length[:] = 1
+        batch.x[:] = [[-1 / 3, 0], [1 / 3, 0]]
+        batch.solve(escape_saddles=False)
+        self.assertIs(batch.positive_definite[0], False)
+        batch.anchors[0, 1] = 1, 0
+        batch.solve(max_iterations=0)
+        self.assertIs(batch.positive_definite[0], None)
 
     def test_proves_what_one_system_does(self):
         batch, systems = self.batch()
