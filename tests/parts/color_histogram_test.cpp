@@ -107,6 +107,23 @@ TEST(ColorHistogram, StaysOnAPlateau) {
   }
 }
 
+// A target that has not moved is where it was, also if its surroundings differ from side to side.
+TEST(ColorHistogram, StaysWhereItHasLearned) {
+  for (const bool crosses : {false, true}) {
+    cv::Mat image(200, 200, CV_8UC3);
+    for (int y = 0; y < image.rows; ++y)
+      for (int x = 0; x < image.cols; ++x)
+        image.at<cv::Vec3b>(y, x) =
+            (x / 8 + (crosses ? y / 8 : 0)) % 2 == 0 ? cv::Vec3b(190, 65, 95) : cv::Vec3b(60, 195, 30);
+    const Frame frame(image);
+    for (const Point2 centre : {Point2(94.5, 94.5), Point2(89.7, 94.2), Point2(97, 101.3)}) {
+      ColorHistogram part;
+      part.init(frame, centre, {30, 28});
+      EXPECT_LT((part.localize(frame, centre).position - centre).norm(), 0.02) << centre.transpose();
+    }
+  }
+}
+
 TEST(ColorHistogram, AveragesWhatItSees) {
   const cv::Mat image = texture(120, 160), other = texture(120, 160, 7);
   const Frame frame(image), later(other);

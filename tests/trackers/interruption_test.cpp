@@ -347,7 +347,8 @@ TEST_P(StillSequence, KeepsItsBox) {
 
 const auto still_name = [](const auto& instance) {
   std::string test = std::get<0>(instance.param) + "_" + std::get<1>(instance.param);
-  std::replace(test.begin(), test.end(), '-', '_');
+  std::replace_if(
+      test.begin(), test.end(), [](char c) { return c == '-' || c == '+'; }, '_');
   return test;
 };
 
@@ -355,6 +356,16 @@ INSTANTIATE_TEST_SUITE_P(Development, StillSequence,
                          ::testing::Combine(::testing::Values("bicycle", "davis-bus", "Crossing"),
                                             ::testing::Values("dpt", "dpt_plus", "coarse", "kcf", "kalman")),
                          still_name);
+
+#ifdef ASTERISM_TEST_JSON
+INSTANTIATE_TEST_SUITE_P(Parts, StillSequence,
+                         ::testing::Combine(::testing::Values("bicycle", "davis-bus", "car"),
+                                            ::testing::Values("dpt+mosse", "dpt+template", "dpt+flow",
+                                                              "dpt+color_histogram", "dpt+keypoints",
+                                                              "dpt+spatial_reliability", "dpt+strcf",
+                                                              "dpt+superpixels")),
+                         still_name);
+#endif
 
 // lgt loses the ends of objects as elongated as that of Crossing, as docs/trackers.md says.
 INSTANTIATE_TEST_SUITE_P(Lgt, StillSequence,

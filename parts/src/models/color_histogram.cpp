@@ -51,6 +51,7 @@ Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
   auto& values = response_.values;
   sample(frame, around, reach_);
   match(reach_, values);
+  settle_ties(values, 1e-5F);  // rounding of the running sums
   response_.origin = likelihood_.origin = around - spacing_ * Point2::Constant(reach_);
   // Relative to the best match, so that no likelihood underflows.
   likelihood_.values = (static_cast<float>(options_.sharpness) * (values - values.maxCoeff())).exp();
@@ -86,7 +87,6 @@ void ColorHistogram::match(int reach, Map& values) {
       values(r, c) = norm * static_cast<float>(sum);
     }
   }
-  settle_ties(values, 1e-5F);  // rounding of the running sums
 }
 
 void ColorHistogram::adapt(const Frame& frame, const Point2& at) { learn(frame, at, options_.learning_rate); }
@@ -102,7 +102,8 @@ void ColorHistogram::learn(const Frame& frame, const Point2& at, double rate) {
   const auto seen = counts_.cast<float>() / static_cast<float>(rows_ * cols_);
   histogram_ += static_cast<float>(rate) * (seen - histogram_);
   histogram_roots_ = histogram_.sqrt();
-  // rho falls faster where other colors begin, so the vertex of the parabola is beside the target.
+  // rho falls faster where other colors begin, so the vertex of the parabola is beside the target. Nothing
+  // is preferred here: one cell away it would count as much as at the border of a search.
   match(kReach, near_.values);
   bias_ = evidence_of(near_, near_).position.cwiseMax(-0.5).cwiseMin(0.5);
 }
