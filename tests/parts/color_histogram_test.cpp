@@ -116,7 +116,7 @@ TEST(ColorHistogram, StaysWhereItHasLearned) {
         image.at<cv::Vec3b>(y, x) =
             (x / 8 + (crosses ? y / 8 : 0)) % 2 == 0 ? cv::Vec3b(190, 65, 95) : cv::Vec3b(60, 195, 30);
     const Frame frame(image);
-    for (const Point2 centre : {Point2(94.5, 94.5), Point2(89.7, 94.2), Point2(97, 101.3)}) {
+    for (const Point2& centre : {Point2(94.5, 94.5), Point2(89.7, 94.2), Point2(97, 101.3)}) {
       ColorHistogram part;
       part.init(frame, centre, {30, 28});
       EXPECT_LT((part.localize(frame, centre).position - centre).norm(), 0.02) << centre.transpose();
