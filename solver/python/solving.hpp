@@ -13,6 +13,7 @@
 #include <atomic>
 #include <cstdint>
 #include <exception>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -79,9 +80,13 @@ class OptionSetter final : public OptionVisitor {
         target = value.cast<T>();
         return;
       }
-    } catch (const py::cast_error&) {  // refused below
+    } catch (const py::cast_error&) {
+      if constexpr (std::is_integral_v<T> && !kBool)
+        throw py::value_error("option " + name_ + ": expected an integer from " +
+                              std::to_string(std::numeric_limits<T>::min()) + " to " +
+                              std::to_string(std::numeric_limits<T>::max()) + ", found " + shown(given_));
     }
-    const char* expected = kBool ? "a bool" : std::is_same_v<T, double> ? "a number" : "an integer in range";
+    const char* expected = kBool ? "a bool" : std::is_same_v<T, double> ? "a number" : "an integer";
     throw py::type_error("option " + name_ + ": expected " + expected + ", found " + shown(given_));
   }
 
