@@ -18,6 +18,7 @@ from .rules import Rules
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 _MANY = 1000  # over it, layout's default method is "sgd"
+_FEW = 100  # over it and up to _SAMPLED, layout also starts from its drawing by "sgd", as random starts do not unfold long graphs
 _SAMPLED = 300  # over it, starts are classical scaling and a sample's placement, and not random ones
 _Distances = Callable[[_Indices, _Indices], _Floats]  # (C, S, T), for each row of sources (C, S) to that of targets (C, T)
 
@@ -168,11 +169,12 @@ def layout(
         whose entries other than 0 are the lengths of edges (a masked one is not an edge). Or a graph of networkx.
     length: the attribute that is the length of an edge of networkx; edges without it, and all edges for None, have the length 1.
         There is a warning if the edges have a "weight" instead, which may be a length or a strength.
-    method: None: "sgd" over 1000 nodes, otherwise "multi-start". "sgd" is stochastic gradient descent (Zheng, Pawar and Goodman
-        2018) over pairs that are drawn in each iteration, with weights that make the stress of all pairs their expected value. It
-        takes memory of N and time of N log N, finds shortest paths only between the pairs drawn, and ends with 0 to 6 % more
-        stress than the other methods. Nothing is proven of its result, and its stress is an estimate: layout_stress gives
-        the stress of all pairs. All other methods are those of mds, and take memory and time of N^2, unless `partners` is given.
+    method: None: "sgd" over 1000 nodes, otherwise "multi-start", which for 101 to 300 nodes also starts from the drawing by "sgd",
+        unless `start` or `starts` is given. "sgd" is stochastic gradient descent (Zheng, Pawar and Goodman 2018) over pairs that
+        are drawn in each iteration, with weights that make the stress of all pairs their expected value. It takes memory of N and
+        time of N log N, finds shortest paths only between the pairs drawn, and ends with 0 to 6 % more stress than the other methods.
+        Nothing is proven of its result, and its stress is an estimate: layout_stress gives the stress of all pairs. All other methods
+        are those of mds, and take memory and time of N^2, unless `partners` is given.
     partners: a number k: a sparse stress, as a spring system for one of the methods of mds, by default "lbfgs-jacobi" with the
         tolerance 1e-6. Its pairs are the edges, and each node with k others of its component, drawn at random, whose weight is
         multiplied by the number of pairs that they stand for: its expected value is the stress of all pairs. It takes memory of
@@ -575,7 +577,7 @@ def _start(distances: _Distances, components: list[_Indices], at: _Floats, hold:
 
 def starts_by_default(n: int) -> int:
     """How many starts find, nearly always, no more stress than many."""
-    return 32 if n <= 100 else 8 if n <= _SAMPLED else 1
+    return 32 if n <= _FEW else 8 if n <= _SAMPLED else 1
 
 
 def sampled_starts(
@@ -756,8 +758,10 @@ def _free(known: Known, edges: _Edges, power: float, method: str, partners: int 
         options = {"tolerance": 1e-6, **options}  # below it only long paths change, and take five times as long
         pairs, lengths, shares = edges.graph.partners(inputs.count(partners, "partners"), 1)
         weights = shares * _path_weights(lengths, power)
+    is_default = method == "multi-start" and partners is None and known.start is None and "starts" not in options
+    drawn = [_draw(known, edges, power).x] if is_default and _FEW < len(known.nodes) <= _SAMPLED else []
     # A proof of the sparse stress would take longer than the drawing.
-    return embed(known, pairs, lengths, weights, method, options, edges, prove=partners is None)
+    return embed(known, pairs, lengths, weights, method, options, edges, prove=partners is None, drawn=drawn)
 
 
 def _ruled(
@@ -814,8 +818,9 @@ def embed(
     options: dict[str, Any],
     edges: _Edges | None = None,
     prove: bool = True,
+    drawn: Sequence[_Floats] = (),
 ) -> Embedding:
-    """edges: for the start; by default the pairs, with their lengths."""
+    """edges: for the start; by default the pairs, with their lengths. drawn: further starts, near a minimum."""
     (n, dim), at, hold = known.at.shape, known.at, known.hold
     if n == 0:
         raise ValueError("there are no nodes")
@@ -839,9 +844,9 @@ def embed(
             starts += sampled_starts(distances, pairs, weights, x, components, at, hold, seed)
         options = {"starts": starts_by_default(n), "spread": 2.0, **options}
     solved = []
-    for x in starts:
+    for x, how in [(x, options) for x in starts] + [(x, {**options, "starts": 1}) for x in drawn]:
         x[exact] = at[exact]
-        summary = _asterism.solve(system, x, method, hold_floating=True, **options)
+        summary = _asterism.solve(system, x, method, hold_floating=True, **how)
         if not summary:
             raise ValueError(summary.message)
         solved.append((summary, x))
