@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <asterism/parts/concept/part_options.hpp>
 #include <asterism/parts/models/color_histogram.hpp>
 #include <opencv2/imgproc.hpp>
@@ -102,10 +103,16 @@ void ColorHistogram::learn(const Frame& frame, const Point2& at, double rate) {
   const auto seen = counts_.cast<float>() / static_cast<float>(rows_ * cols_);
   histogram_ += static_cast<float>(rate) * (seen - histogram_);
   histogram_roots_ = histogram_.sqrt();
-  // rho falls faster where other colors begin, so the vertex of the parabola is beside the target. Nothing
-  // is preferred here: one cell away it would count as much as at the border of a search.
+  // rho falls faster where other colors begin, so the vertex of the parabola is beside the target. The middle
+  // is preferred as little as in a search, one cell away.
   match(kReach, near_.values);
-  bias_ = evidence_of(near_, near_).position.cwiseMax(-0.5).cwiseMin(0.5);
+  const float beside = 1 - 1e-4F / static_cast<float>(std::max(1, reach_ * reach_));
+  const auto vertex = [beside](float before, float middle, float after) {
+    const double left = before * beside, right = after * beside, curvature = 2.0 * middle - left - right;
+    return curvature > 0 ? std::clamp(0.5 * (right - left) / curvature, -0.5, 0.5) : 0.0;
+  };
+  const auto& rho = near_.values;
+  bias_ = {vertex(rho(1, 0), rho(1, 1), rho(1, 2)), vertex(rho(0, 1), rho(1, 1), rho(2, 1))};
 }
 
 void ColorHistogram::sample(const Frame& frame, const Point2& centre, int margin) {
