@@ -72,6 +72,7 @@ double length_and_direction(int i, int j, const Point& v, Point& direction, cons
 double stable_norm(const double* v, Eigen::Index size);
 template <typename Vector>
 double stable_norm(const Vector& v) {
+  static_assert(Vector::InnerStrideAtCompileTime == 1);
   return stable_norm(v.data(), v.size());
 }
 
