@@ -53,7 +53,8 @@ function(asterism_library name)
     add_library(${target} ${arg_SOURCES})
     # Before 1.0, a minor version may change the ABI.
     set_target_properties(${target} PROPERTIES POSITION_INDEPENDENT_CODE ON VERSION ${PROJECT_VERSION}
-                          SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR} INSTALL_RPATH "$ORIGIN")
+                          SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR} INSTALL_RPATH "$ORIGIN"
+                          DEFINE_SYMBOL "") # no library has a macro of its own, so that they can share a precompiled header
     get_target_property(type ${target} TYPE)
     if(type STREQUAL "STATIC_LIBRARY")
       target_compile_definitions(${target} PRIVATE ASTERISM_API=)
