@@ -99,7 +99,7 @@ struct Part {
 
 inline Middle Part::middle() const {
   Middle result{{0, 0, 0}, Numbers(static_cast<std::size_t>(of.views), 1.0)};
-  double across[3][3] = {}, right[3] = {};
+  Rays rays;
   Numbers places[2];  // of the views
   for (Index v = 0; v < of.views; ++v) {
     Numbers coordinates[2], pixels;
@@ -119,24 +119,14 @@ inline Middle Part::middle() const {
       continue;
     }
     if (!is_empty) result.magnification[static_cast<std::size_t>(v)] = std::sqrt(median(std::move(pixels)));
-    const double *camera = of.cameras + v * 12, *t = camera + 9;
-    double ray[3], eye[3], square = 0, along = 0;  // in the world: R^T (x, y, 1) from -R^T t
-    for (int c = 0; c < 3; ++c) {
-      ray[c] = camera[c] * image[0] + camera[3 + c] * image[1] + camera[6 + c];
-      eye[c] = -(camera[c] * t[0] + camera[3 + c] * t[1] + camera[6 + c] * t[2]);
-      square += ray[c] * ray[c];
-      along += ray[c] * eye[c];
-    }
-    for (int r = 0; r < 3; ++r) {
-      right[r] += eye[r] - ray[r] * along / square;
-      for (int c = 0; c < 3; ++c) across[r][c] += (r == c ? 1 : 0) - ray[r] * ray[c] / square;
-    }
+    rays.add(of.cameras + v * 12, image);
   }
   if (of.dim == 2) {
     for (int r = 0; r < 2; ++r) result.point[r] = median(std::move(places[r]));
     return result;
   }
   // The point that is nearest to the middle rays of all views.
+  auto& [across, right] = rays;
   double axes[3][3];
   diagonalize(across, axes);
   const auto [smallest, greatest] = std::minmax({across[0][0], across[1][1], across[2][2]});

@@ -18,33 +18,44 @@ struct Meeting {
   Numbers squares;  ///< of the error in each view [px^2]; infinite behind the camera, NaN if it is not seen
 };
 
-/// Where two detections' rays are nearest to each other; false if they are not seen, or almost parallel.
-inline bool meet(const Recording& of, std::pair<Index, Index> views, std::pair<Index, Index> detections,
-                 double* point) {
-  using Chain = lanes_v0_1::DifferenceChain<3, double>;
-  if (!of.is_seen[detections.first] || !of.is_seen[detections.second]) return false;
-  double across[Chain::kEntries] = {}, right[3] = {}, inverse[Chain::kEntries];
-  const auto add = [&](Index view, Index detection) {
-    const double *camera = of.cameras + view * 12, *t = camera + 9, *seen = of.sights + detection * 6;
+/// Some rays: the point that is nearest to them solves across x = right.
+struct Rays {
+  double across[3][3] = {}, right[3] = {};
+
+  /// That of a camera (R, t) through a place (x, y) of its image.
+  void add(const double* camera, const double* image) {
+    const double* t = camera + 9;
     double ray[3], eye[3], square = 0, along = 0;  // in the world: R^T (x, y, 1) from -R^T t
     for (int c = 0; c < 3; ++c) {
-      ray[c] = camera[c] * seen[0] + camera[3 + c] * seen[1] + camera[6 + c];
+      ray[c] = camera[c] * image[0] + camera[3 + c] * image[1] + camera[6 + c];
       eye[c] = -(camera[c] * t[0] + camera[3 + c] * t[1] + camera[6 + c] * t[2]);
       square += ray[c] * ray[c];
       along += ray[c] * eye[c];
     }
     for (int r = 0; r < 3; ++r) {
       right[r] += eye[r] - ray[r] * along / square;
-      for (int c = r; c < 3; ++c) across[Chain::entry(r, c)] += (r == c ? 1 : 0) - ray[r] * ray[c] / square;
+      for (int c = 0; c < 3; ++c) across[r][c] += (r == c ? 1 : 0) - ray[r] * ray[c] / square;
     }
-  };
-  add(views.first, detections.first);
-  add(views.second, detections.second);
+  }
+};
+
+/// Where two detections' rays are nearest to each other; false if they are not seen, or almost parallel.
+inline bool meet(const Recording& of, std::pair<Index, Index> views, std::pair<Index, Index> detections,
+                 double* point) {
+  using Chain = lanes_v0_1::DifferenceChain<3, double>;
+  if (!of.is_seen[detections.first] || !of.is_seen[detections.second]) return false;
+  Rays rays;
+  rays.add(of.cameras + views.first * 12, of.sights + detections.first * 6);
+  rays.add(of.cameras + views.second * 12, of.sights + detections.second * 6);
+  double across[Chain::kEntries], inverse[Chain::kEntries];
+  for (int r = 0; r < 3; ++r) {
+    for (int c = r; c < 3; ++c) across[Chain::entry(r, c)] = rays.across[r][c];
+  }
   bool is_definite = true;
   Chain::invert(across, inverse, [&](double pivot) { is_definite = is_definite && pivot > 1e-9; });
   for (int r = 0; r < 3; ++r) {
     point[r] = 0;
-    for (int c = 0; c < 3; ++c) point[r] += inverse[Chain::entry(r, c)] * right[c];
+    for (int c = 0; c < 3; ++c) point[r] += inverse[Chain::entry(r, c)] * rays.right[c];
   }
   return is_definite;
 }

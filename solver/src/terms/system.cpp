@@ -181,9 +181,9 @@ Eigen::MatrixXd offsets_at(const Eigen::MatrixXd& x, const Eigen::Matrix2Xi& pai
 }
 
 Eigen::VectorXd lengths_at(const Eigen::MatrixXd& x, const Eigen::Matrix2Xi& pairs) {
-  Eigen::VectorXd lengths(pairs.cols());
+  Eigen::VectorXd lengths(pairs.cols()), offset(x.rows());
   for (Eigen::Index l = 0; l < pairs.cols(); ++l) {
-    const detail::PointOf<Eigen::Dynamic> offset = x.col(pairs(0, l)) - x.col(pairs(1, l));
+    offset = x.col(pairs(0, l)) - x.col(pairs(1, l));
     lengths[l] = detail::stable_norm(offset);
   }
   return lengths;
