@@ -283,7 +283,8 @@ PositionFix<Dim> found_fix(ranges::PositionSearch<Dim>& search, const Heard<Dim>
                            const LocateOptions& options) {
   PositionFix<Dim> fix;
   fix.status = Status::InvalidInput;
-  fix.count = search.finish();
+  const ranges::Minima<Dim>& minima = search.finish();
+  fix.count = minima.count();
   fix.cells = static_cast<int>(search.cells());
   if (fix.count == 0) {
     fix.message.append("no position agrees with ")
@@ -293,14 +294,15 @@ PositionFix<Dim> found_fix(ranges::PositionSearch<Dim>& search, const Heard<Dim>
   }
   fix.status = Status::Converged;
   fix.proven = search.is_complete();
-  fix.within = search.within();
+  fix.within = minima.within();
   double total = 0;
   for (int i = 0; i < fix.count; ++i) {
-    const ranges::Minimum<Dim>& minimum = search.minimum(i);
+    const ranges::Minimum<Dim>& minimum = minima[i];
     PositionMinimum<Dim>& result = fix.minima[static_cast<std::size_t>(i)];
     // Where the energy is flat to rounding, as where a mirror image joins its minimum, the variance is huge.
     const bool is_flat = !minimum.hessian.is_definite();
-    const Symmetric<Dim> covariance = minimum.hessian.shifted(is_flat ? 1e-12 * search.total() : 0).inverse();
+    const Symmetric<Dim> covariance =
+        minimum.hessian.shifted(is_flat ? 1e-12 * search.total_weight() : 0).inverse();
     result = {heard.place(minimum.x), heard.turned(covariance), minimum.energy, 0};
     result.weight =
         std::exp(fix.minima[0].energy - minimum.energy) * std::sqrt(std::max(0.0, covariance.determinant()));

@@ -263,7 +263,7 @@ class FixLanes : LaneAlgebra<L, D> {
     smallest_ = set(1e-26) * extent_ * extent_;
   }
 
-  // PositionSearch::from_squares
+  // RangeEnergy::from_squares
   Vector start() const {
     const V none = set(0);
     Matrix scatter = empty();
@@ -357,7 +357,7 @@ class FixLanes : LaneAlgebra<L, D> {
     return is_proven;
   }
 
-  // PositionSearch::exclude for one shell about x_: the lanes in which nothing is between inner and outer.
+  // excluded_about() for one shell about x_: the lanes in which nothing is between inner and outer.
   M is_excluded(V inner, V outer) const {
     const V none = set(0), ceiling = energy_ + gap_;
     const V slack_of_sigma = L::sqrt(set(2) * ceiling), more = set(1e-9) * extent_;
@@ -411,7 +411,7 @@ class FixLanes : LaneAlgebra<L, D> {
     }
   }
 
-  // PositionSearch::settle_flat: beside flat beacons, mu is 0, or it is positive and the tag is at them.
+  // settle_flat(): beside flat beacons, mu is 0, or it is positive and the tag is at them.
   void settle_flat(V left, V reach) {
     const V none = set(0), up = x_[D - 1] * x_[D - 1];
     has_image_ = L::less(none, none);
