@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -67,9 +68,17 @@ double length_and_direction(int i, int j, const Point& v, Point& direction, cons
   return largest * root;
 }
 
+/// |v| where |v|^2 is out of range, or v is not finite.
+double norm_out_of_range(const double* v, Eigen::Index size);
+
 /// |v| without overflow or underflow. Eigen's stableNorm takes some tenths of a second to compile for each
 /// type of vector.
-double stable_norm(const double* v, Eigen::Index size);
+inline double stable_norm(const double* v, Eigen::Index size) {
+  constexpr double kLeastSquare = std::numeric_limits<double>::min() / std::numeric_limits<double>::epsilon();
+  double square = 0;
+  for (Eigen::Index i = 0; i < size; ++i) square += v[i] * v[i];
+  return square >= kLeastSquare && is_finite(square) ? std::sqrt(square) : norm_out_of_range(v, size);
+}
 template <typename Vector>
 double stable_norm(const Vector& v) {
   static_assert(Vector::InnerStrideAtCompileTime == 1);

@@ -25,15 +25,12 @@ Eigen::VectorXd eigenvalues(Eigen::MatrixXd matrix) {
 
 }  // namespace
 
-double stable_norm(const double* v, Eigen::Index size) {
-  constexpr double kLeastSquare = std::numeric_limits<double>::min() / std::numeric_limits<double>::epsilon();
-  double square = 0, largest = 0;
+double norm_out_of_range(const double* v, Eigen::Index size) {
+  double largest = 0;
   for (Eigen::Index i = 0; i < size; ++i) {
-    square += v[i] * v[i];
+    if (is_nan(v[i])) return v[i];
     largest = std::max(largest, std::abs(v[i]));
   }
-  if (square >= kLeastSquare && is_finite(square)) return std::sqrt(square);
-  if (is_nan(square)) return square;
   if (!(largest > 0 && is_finite(largest))) return largest;
   double scaled = 0;
   for (Eigen::Index i = 0; i < size; ++i) scaled += (v[i] / largest) * (v[i] / largest);

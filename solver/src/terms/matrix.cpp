@@ -172,16 +172,17 @@ void SystemMatrix::add(const int* nodes, int count, const double* matrix, int ro
 template <int D>
 void SystemMatrix::add_to_dense(const int* nodes, int arity, int count, const double* c, const double* B) {
   const std::ptrdiff_t stride = size_;
+  const auto add = [this, stride](int row, int column, double factor, const double* block) {
+    double* const at = dense_.data() + D * (column * stride + row);
+    for (int j = 0; j < D; ++j) {
+      for (int i = 0; i < D; ++i) at[j * stride + i] += factor * block[D * j + i];
+    }
+  };
   for (; count > 0; --count, nodes += arity, B += D * D) {
     for (int b = 0; b < arity; ++b) {
-      for (int a = 0; a < arity; ++a) {
-        if (nodes[a] < nodes[b]) continue;
-        double* const at = dense_.data() + D * (nodes[b] * stride + nodes[a]);
-        const double factor = c[a] * c[b];
-        for (int j = 0; j < D; ++j) {
-          for (int i = 0; i < D; ++i) at[j * stride + i] += factor * B[D * j + i];
-        }
-      }
+      add(nodes[b], nodes[b], c[b] * c[b], B);
+      for (int a = 0; a < b; ++a)
+        add(std::max(nodes[a], nodes[b]), std::min(nodes[a], nodes[b]), c[a] * c[b], B);
     }
   }
 }

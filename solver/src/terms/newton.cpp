@@ -219,27 +219,30 @@ class NewtonSolve {
       A[i] = i < run_.x().size() ? run_.rule().node_stiffness()[i / run_.system().dim()]
                                  : std::abs(matrix_.diagonal(i));
     }
-    const auto normalise = [&A](Eigen::VectorXd& w) {
-      const double square = w.cwiseAbs2().dot(A);
-      if (square > 0) w /= std::sqrt(square);
-      return square > 0;
-    };
-    if (!normalise(v)) return 0;
-    double curvature = v.dot(matrix_ * v);
+    const auto norm_of = [&A](const Eigen::VectorXd& w) { return std::sqrt(w.cwiseAbs2().dot(A)); };
+    const double size = norm_of(v);
+    if (!(size > 0)) return 0;
+    v /= size;
+    Eigen::VectorXd Hv = matrix_ * v;
     for (int round = 0; round < kRounds; ++round) {
-      const Eigen::VectorXd Hv = matrix_ * v;
+      const double curvature = v.dot(Hv);
       Eigen::VectorXd w = (A.array() > 0).select(Hv.array() / A.array() - curvature * v.array(), 0.0);
-      if (!normalise(w)) break;
-      const double mixed = w.dot(Hv), other = w.dot(matrix_ * w);
+      const double size_of_w = norm_of(w);
+      if (!(size_of_w > 0)) break;
+      w /= size_of_w;
+      const Eigen::VectorXd Hw = matrix_ * w;
+      const double mixed = w.dot(Hv), other = w.dot(Hw);
       // The lower eigenvector of [curvature mixed; mixed other].
       const double half = (other - curvature) / 2;
       const double lower = curvature + half - std::hypot(half, mixed);
       if (!(lower < curvature)) break;
       v = mixed * v + (lower - curvature) * w;
-      if (!normalise(v)) break;
-      curvature = v.dot(matrix_ * v);
+      const double size_of_v = norm_of(v);
+      if (!(size_of_v > 0)) break;
+      v /= size_of_v;
+      Hv = (mixed / size_of_v) * Hv + ((lower - curvature) / size_of_v) * Hw;
     }
-    return curvature;
+    return v.dot(matrix_ * v);
   }
 
   // Where forces are below the tolerance but, for weak anchors, the energy is not.

@@ -97,14 +97,13 @@ bool SystemRun::start(const System& given) {
 }
 
 void SystemRun::align(bool allow_reflection) {
-  const Scales scales = scales_of(*system_, *x_);
   const int dim = system_->dim();
   const auto position_of = [dim](const Scales::Place& place) {
     return Eigen::Map<const Eigen::VectorXd>(place.position, dim);
   };
   double total = 0;
   Eigen::VectorXd centre = Eigen::VectorXd::Zero(dim), place_centre = centre;
-  for (const Scales::Place& place : scales.places) {
+  for (const Scales::Place& place : rule_.places()) {
     total += place.stiffness;
     centre += place.stiffness * x_->col(place.node);
     place_centre += place.stiffness * position_of(place);
@@ -113,7 +112,7 @@ void SystemRun::align(bool allow_reflection) {
   centre /= total;
   place_centre /= total;
   Eigen::MatrixXd moments = Eigen::MatrixXd::Zero(dim, dim);
-  for (const Scales::Place& place : scales.places)
+  for (const Scales::Place& place : rule_.places())
     moments +=
         place.stiffness * (position_of(place) - place_centre) * (x_->col(place.node) - centre).transpose();
   if (!all_finite(moments)) return;

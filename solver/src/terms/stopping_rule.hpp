@@ -31,6 +31,8 @@ class SystemRule {
   double tolerance() const { return tolerance_; }
   double length() const { return length_; }
   const Eigen::VectorXd& node_stiffness() const { return stiffness_; }
+  /// Of the system of the last `set`.
+  const std::vector<Scales::Place>& places() const { return places_; }
   double stationarity(const Eigen::MatrixXd& gradient) const;
   /// Also true for a gradient with NaN, which no further iteration can cure.
   bool reached(const Eigen::MatrixXd& gradient) const { return !(stationarity(gradient) > tolerance_); }
@@ -41,6 +43,7 @@ class SystemRule {
   double length_of(const System& system, const Eigen::MatrixXd& x, const Scales& scales);
 
   Eigen::VectorXd stiffness_, weights_;
+  std::vector<Scales::Place> places_;
   double length_ = 0, tolerance_ = 0;
   bool is_by_gradient_ = false;
   bool changes_with_x_ = false;

@@ -273,7 +273,7 @@ bool SystemRule::set(const System& system, const Eigen::MatrixXd& x, double tole
   constexpr double kLeastTolerance = 64 * std::numeric_limits<double>::epsilon();
   tolerance_ = std::max(tolerance, kLeastTolerance);
   const int n = system.nodes();
-  const Scales scales = scales_of(system, x);
+  Scales scales = scales_of(system, x);
   changes_with_x_ = false;
   for (int t = 0; t < system.term_count(); ++t) {
     const Term& term = system.term(t);
@@ -282,6 +282,7 @@ bool SystemRule::set(const System& system, const Eigen::MatrixXd& x, double tole
   }
   stiffness_ = scales.stiffness;
   length_ = length_of(system, x, scales);
+  places_.swap(scales.places);
   weights_.setZero(n);
   double unknown = stiffness_.size() > 0 ? stiffness_.maxCoeff() : 0.0;
   is_by_gradient_ = length_ == 0 || !(unknown > 0);
@@ -368,23 +369,10 @@ double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, con
   return extent > 0 ? std::min(extent, spread) : spread;
 }
 
-namespace {
-
-// The norm of column i, also where the square leaves the range of a double, which takes longer.
-inline double norm_of(const Eigen::MatrixXd& vectors, Eigen::Index i) {
-  constexpr double kLeast = std::numeric_limits<double>::min() / std::numeric_limits<double>::epsilon();
-  const double* const v = vectors.data() + vectors.rows() * i;
-  double square = 0;
-  for (Eigen::Index d = 0; d < vectors.rows(); ++d) square += v[d] * v[d];
-  return square >= kLeast && is_finite(square) ? std::sqrt(square) : stable_norm(v, vectors.rows());
-}
-
-}  // namespace
-
 double SystemRule::stationarity(const Eigen::MatrixXd& gradient) const {
   double largest = 0;
   for (Eigen::Index i = 0; i < weights_.size(); ++i) {
-    const double value = norm_of(gradient, i) * weights_[i];
+    const double value = stable_norm(gradient.col(i)) * weights_[i];
     if (!(value <= largest)) largest = value;
   }
   return largest;
@@ -394,7 +382,7 @@ bool SystemRule::is_rounding(const Eigen::MatrixXd& x, const Eigen::MatrixXd& gr
   constexpr double kRounding = 8 * std::numeric_limits<double>::epsilon();
   for (Eigen::Index i = 0; i < weights_.size(); ++i) {
     const double rounding = kRounding * (length_ + x.col(i).cwiseAbs().maxCoeff());
-    if (!(norm_of(gradient, i) * weights_[i] * length_ <= rounding)) return false;
+    if (!(stable_norm(gradient.col(i)) * weights_[i] * length_ <= rounding)) return false;
   }
   return true;
 }
