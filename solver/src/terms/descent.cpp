@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/linear/vector_kernels.hpp>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -84,61 +85,40 @@ class SharedSteps {
  public:
   // False where the matrix is not positive definite.
   bool factorize(const SystemMatrix& matrix) {
-    constexpr Eigen::Index kFew = 40;
-    constexpr double kHalfOfDigits = 1.5e-8;
-    if (!factor_.factorize(matrix)) return false;
-    const Eigen::Index rows = matrix.rows();
-    if (!matrix.is_shared() || !matrix.is_dense() || rows > kFew) return true;
-    inverse_ = factor_.solve_all(Eigen::MatrixXd::Identity(rows, rows));
-    if (!(kHalfOfDigits * matrix.dense().diagonal().dot(inverse_.diagonal()) < 1)) inverse_.resize(0, 0);
-    return true;
+    has_inverse_ = invert(matrix);
+    return has_inverse_ || factor_.factorize(matrix);
   }
 
-  // result <- K^-1 v.
-  void solve(const Eigen::MatrixXd& v, Eigen::MatrixXd& result) const {
-    if (inverse_.size() == 0) {
-      result = factor_.solve(v);
-    } else if (v.rows() == 2) {
-      multiply<2>(v, result);
-    } else if (v.rows() == 3) {
-      multiply<3>(v, result);
-    } else {
-      result = v.lazyProduct(inverse_);
+  // result <- -K^-1 v.
+  void descend(const Eigen::MatrixXd& v, Eigen::MatrixXd& result) const {
+    if (!has_inverse_) {
+      result = -factor_.solve(v);
+      return;
     }
+    const int n = static_cast<int>(inverse_.cols()), dim = static_cast<int>(v.rows());
+    if (dim > 3) {
+      result = -v.lazyProduct(inverse_.topRows(n));
+      return;
+    }
+    result.setZero(dim, n);
+    lanes_v0_1::subtract({inverse_.data(), inverse_.rows(), n, dim, v.data(), result.data()});
   }
 
  private:
-  // Four nodes of the result at a time.
-  template <int D>
-  void multiply(const Eigen::MatrixXd& v, Eigen::MatrixXd& result) const {
-    using Four = Eigen::Array<double, 4, 1>;
-    const Eigen::Index n = v.cols();
-    result.resize(D, n);
-    const double* const from = v.data();
-    double* const to = result.data();
-    Eigen::Index j = 0;
-    for (; j + 4 <= n; j += 4) {
-      Four sums[D];
-      for (int c = 0; c < D; ++c) sums[c].setZero();
-      for (Eigen::Index k = 0; k < n; ++k) {
-        const Four row = Eigen::Map<const Four>(&inverse_(j, k));  // which is symmetric
-        for (int c = 0; c < D; ++c) sums[c] += row * from[D * k + c];
-      }
-      for (int r = 0; r < 4; ++r) {
-        for (int c = 0; c < D; ++c) to[D * (j + r) + c] = sums[c][r];
-      }
-    }
-    for (; j < n; ++j) {
-      for (int c = 0; c < D; ++c) {
-        double sum = 0;
-        for (Eigen::Index k = 0; k < n; ++k) sum += inverse_(k, j) * from[D * k + c];
-        to[D * j + c] = sum;
-      }
-    }
+  bool invert(const SystemMatrix& matrix) {
+    constexpr double kHalfOfDigits = 1.5e-8;
+    const int n = matrix.rows();
+    if (!matrix.is_shared() || !matrix.is_dense() || n > lanes_v0_1::kMostInverted) return false;
+    const Eigen::VectorXd diagonal = matrix.dense().diagonal();
+    inverse_.setZero(lanes_v0_1::aligned_rows(n), n);
+    inverse_.topRows(n) = matrix.dense().selfadjointView<Eigen::Lower>();
+    return lanes_v0_1::invert({inverse_.data(), inverse_.rows(), n, kPivotRounding, diagonal.data()}) &&
+           kHalfOfDigits * diagonal.dot(inverse_.diagonal()) < 1;
   }
 
   SystemFactor factor_;
-  Eigen::MatrixXd inverse_;
+  Eigen::MatrixXd inverse_;  // below its rows, zeros
+  bool has_inverse_ = false;
 };
 
 // The inverse of IDA's matrix, or of what stands for it: where links are even, of that of links between all
@@ -165,8 +145,7 @@ class Metric {
     if (even_) return even_->descend(gradient, result);
     if (!is_factored_) return scale(run_, gradient, result);
     ++run_.summary().linear_solves;
-    steps_.solve(gradient, result);
-    result = -result;
+    steps_.descend(gradient, result);
   }
 
  private:
@@ -202,9 +181,9 @@ Summary SystemIda::solve(const System& system, Eigen::MatrixXd& x) const {
     }
     Eigen::MatrixXd step;
     while (!run.is_over()) {
-      steps.solve(run.gradient(), step);
+      steps.descend(run.gradient(), step);
       ++run.summary().linear_solves;
-      run.move_by(-relaxation, step);  // Eq. 19
+      run.move_by(relaxation, step);  // Eq. 19
       ++run.summary().iterations;
     }
     return run.end();

@@ -39,7 +39,7 @@ class LbfgsSteps {
  private:
   SystemRun& run_;
   Descend descend_;
-  LbfgsPairs<double, Eigen::Dynamic, Eigen::Dynamic, 6> pairs_;
+  LbfgsPairs<double, Eigen::Dynamic, Eigen::Dynamic, 6, true> pairs_;
   Eigen::MatrixXd descent_, descent_before_, direction_;
 };
 

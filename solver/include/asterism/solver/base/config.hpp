@@ -36,5 +36,17 @@
 /// Everything of the library. Headers open the two namespaces one after the other, which ctags and Doxygen
 /// read.
 namespace asterism {
-inline namespace ASTERISM_ABI {}
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+/// Whether asterism::solver_compiled is there, and with it the kernels of asterism::system. What it decides
+/// may not change the layout of a class.
+#ifdef ASTERISM_SOLVER_COMPILED
+inline constexpr bool kIsCompiled = true;
+#else
+inline constexpr bool kIsCompiled = false;
+#endif
+
+}  // namespace detail
+}  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -191,11 +191,7 @@ class NewtonMatrix {
   static constexpr bool kUnrolled = kSize != Eigen::Dynamic && kSize <= 12;
   // Whether it is laid out for the kernels, as objects are also where these are not linked.
   static constexpr bool kWide = std::is_same_v<Scalar, double> && !kUnrolled;
-#ifdef ASTERISM_SOLVER_COMPILED
-  static constexpr bool kByKernels = kWide;
-#else
-  static constexpr bool kByKernels = false;
-#endif
+  static constexpr bool kByKernels = kIsCompiled && kWide;
   struct Nothing {};
   using Springs = std::conditional_t<kWide && FullSprings<System>::kServes, FullSprings<System>, Nothing>;
   // From one column to the next; to whole pairs of rows, if unrolled.

@@ -100,13 +100,11 @@ class SpringRows {
 
   template <bool kWithGradient>
   Scalar total() {
-#ifdef ASTERISM_SOLVER_COMPILED
-    // With fewer nodes, what the kernel does once for each row takes as long as it saves.
-    constexpr int kLeastNodesOfKernel = 20;
-    if constexpr (std::is_same_v<Scalar, double>) {
+    if constexpr (kIsCompiled && std::is_same_v<Scalar, double>) {
+      // With fewer nodes, what the kernel does once for each row takes as long as it saves.
+      constexpr int kLeastNodesOfKernel = 20;
       if (system_.nodes() >= kLeastNodesOfKernel) return sum_by_kernel<kWithGradient>();
     }
-#endif
 #ifdef ASTERISM_SPRING_ROWS_AVX2
     if constexpr (std::is_same_v<Scalar, double>) {
       if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return sum_avx2<kWithGradient>();
@@ -115,7 +113,6 @@ class SpringRows {
     return sum<kWithGradient>();
   }
 
-#ifdef ASTERISM_SOLVER_COMPILED
   // By the widest vectors of the processor.
   template <bool kWithGradient>
   double sum_by_kernel() {
@@ -148,7 +145,6 @@ class SpringRows {
     const double twice = lanes_v0_1::sum(rows);
     return (twice + left_out.energy) / 2;
   }
-#endif
 
   template <bool kWithGradient>
   Scalar sum() {

@@ -71,11 +71,9 @@ class SpdSolver {
       DenseFactor<Scalar>::solve(factor_.data(), diagonal_.data(), factor_.rows(), right_hand_side_.data(),
                                  kDim);
       x -= right_hand_side_.transpose();
-#ifdef ASTERISM_SOLVER_COMPILED
     } else if (has_kernels(n)) {
       if constexpr (kHasKernels)
         lanes_v0_1::subtract({inverse_.data(), inverse_.rows(), n, kDim, b.data(), x.data()});
-#endif
     } else if (n <= kSmall) {
       x.noalias() -= b.lazyProduct(inverse_.topRows(n));  // which is symmetric
     } else {
@@ -106,12 +104,10 @@ class SpdSolver {
       for (int i = 0; i < j; ++i) inverse_(i, j) = matrix_(j, i);
       for (int i = j; i < n; ++i) inverse_(i, j) = matrix_(i, j);
     }
-#ifdef ASTERISM_SOLVER_COMPILED
     if constexpr (kHasKernels) {
       if (has_kernels(n))
         return lanes_v0_1::invert({inverse_.data(), inverse_.rows(), n, rounding, diagonal_.data()});
     }
-#endif
     const Eigen::Index stride = inverse_.rows();
     right_hand_side_.resize(n, kDim);
     const Scalar* const column = right_hand_side_.col(0).data();
@@ -159,13 +155,9 @@ class SpdSolver {
     }
   }
 
-#ifdef ASTERISM_SOLVER_COMPILED
   static constexpr bool kHasKernels =
-      std::is_same_v<Scalar, double> && kDim <= 3 &&
+      kIsCompiled && std::is_same_v<Scalar, double> && kDim <= 3 &&
       (kMaxNodes == Eigen::Dynamic || kDim * kMaxNodes >= lanes_v0_1::kLeastKernelSize);
-#else
-  static constexpr bool kHasKernels = false;
-#endif
   static constexpr int kSmall = 6;
   // Rows of the inverse, as the kernels want them. One layout for all, whether or not there are kernels.
   static constexpr bool kIsPadded = kMaxNodes == Eigen::Dynamic || kMaxNodes > kSmall;

@@ -79,11 +79,7 @@ class Auto {
 
   Summary run(const System& system, Points& x);
 
-#ifdef ASTERISM_SOLVER_COMPILED
-  static constexpr bool kVectors = std::is_same_v<Scalar, double>;
-#else
-  static constexpr bool kVectors = false;
-#endif
+  static constexpr bool kVectors = detail::kIsCompiled && std::is_same_v<Scalar, double>;
   static constexpr int kFew = 8;
   static constexpr int kCoordinates = System::kDim == 1 ? 2 : System::kDim;  // Newton's time grows with them
   static constexpr int kNewton = kVectors ? 24 / kCoordinates : kFew;

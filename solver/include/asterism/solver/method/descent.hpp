@@ -53,12 +53,10 @@ class DescentState {
 
   /// Energy and gradient at the start x.
   void start(const System& system, const Points& x, Summary& summary) {
-#ifdef ASTERISM_SOLVER_COMPILED
-    if constexpr (kServes) {
+    if constexpr (kIsCompiled && kServes) {
       has_springs_ = system.nodes() >= kLeastNodes && system.nodes() <= kMostNodes && Springs::serve(system);
       if (has_springs_) springs_.set(system);
     }
-#endif
     energy_ = lowest_ = move(system, x, x, 0, summary);
     gradient_.swap(other_gradient_);
   }
@@ -117,8 +115,7 @@ class DescentState {
   // Energy, gradient and slope at x + step * direction.
   Scalar move(const System& system, const Points& x, const Points& direction, Scalar step, Summary& summary) {
     ++summary.energy_evaluations, ++summary.gradient_evaluations;
-#ifdef ASTERISM_SOLVER_COMPILED
-    if constexpr (kServes) {
+    if constexpr (kIsCompiled && kServes) {
       Scalar energy = 0;
       if (has_springs_ &&
           springs_.differentiate(system, x, direction, step, other_x_, other_gradient_, energy, slope_)) {
@@ -129,7 +126,6 @@ class DescentState {
         return energy;
       }
     }
-#endif
     other_x_ = x + step * direction;
     const Scalar energy = energy_and_gradient(system, other_x_, other_gradient_);
     slope_ = other_gradient_.cwiseProduct(direction).sum();

@@ -66,7 +66,7 @@ class Lbfgs {
   Points previous_descent_;  // at the iterate before
   Points direction_;
   detail::LbfgsPairs<Scalar, detail::times<System::kNodes>(System::kDim),
-                     detail::times<System::kMaxNodes>(System::kDim), kMemory>
+                     detail::times<System::kMaxNodes>(System::kDim), kMemory, detail::kIsCompiled>
       pairs_;
 };
 

@@ -21,8 +21,9 @@ namespace detail {
 ///
 /// where S and Y have the steps and changes of the gradient as columns, W = M^-1 Y, R is the upper triangle
 /// of S^T Y and D its diagonal. A gradient takes one solve with M, and two passes over S and W. `kSize` is
-/// the number of coordinates and `kMaxSize` the largest, or Eigen::Dynamic.
-template <typename Scalar, int kSize, int kMaxSize, int kMemory>
+/// the number of coordinates and `kMaxSize` the largest, or Eigen::Dynamic. `kHasKernels`: vectors are those
+/// of the widest instructions, by kernels of asterism::system.
+template <typename Scalar, int kSize, int kMaxSize, int kMemory, bool kHasKernels>
 class LbfgsPairs {
  public:
   bool empty() const { return used_ == 0; }
@@ -119,11 +120,9 @@ class LbfgsPairs {
     return next_ + at < kPairs ? next_ + at : next_ + at - kPairs;
   }
 
-#ifdef ASTERISM_SOLVER_COMPILED
   lanes_v0_1::Columns columns() const {
     return {columns_.data(), columns_.rows(), 2 * kMemory, static_cast<int>(size())};
   }
-#endif
 
   // Writes the columns of the newest pair, if it is taken, and S^T g and W^T g; slots that are not in use are
   // 0. The product of the newest column of W with `gradient_before`.
@@ -133,8 +132,7 @@ class LbfgsPairs {
                 const Points& gradient_before) {
     Scalar* const step_column = columns_.data() + static_cast<Eigen::Index>(newest) * columns_.rows();
     Scalar* const change_column = step_column + static_cast<Eigen::Index>(kPairs) * columns_.rows();
-#ifdef ASTERISM_SOLVER_COMPILED
-    if constexpr (std::is_same_v<Scalar, double>) {
+    if constexpr (kHasKernels && std::is_same_v<Scalar, double>) {
       if (size() >= lanes_v0_1::kLeastKernelSize)
         return lanes_v0_1::update({.columns = columns(),
                                    .step_column = is_taken ? step_column : nullptr,
@@ -147,7 +145,6 @@ class LbfgsPairs {
                                    .gradient_before = gradient_before.data(),
                                    .products = of_gradient_.data()});
     }
-#endif
     Scalar newest_before = 0;
     if (is_taken) {
       using Row = Eigen::Map<const Eigen::Array<Scalar, kSize, 1>>;
@@ -178,13 +175,11 @@ class LbfgsPairs {
   template <typename Points>
   Scalar add_columns(const Products& weights, const Points& descent, const Points& gradient,
                      Points& result) const {
-#ifdef ASTERISM_SOLVER_COMPILED
-    if constexpr (std::is_same_v<Scalar, double>) {
+    if constexpr (kHasKernels && std::is_same_v<Scalar, double>) {
       if (size() >= lanes_v0_1::kLeastKernelSize)
         return lanes_v0_1::add(
             {columns(), weights.data(), gamma_, descent.data(), gradient.data(), result.data()});
     }
-#endif
     const Eigen::Index whole = size() - size() % kWidth, stride = columns_.rows();
     const Scalar* const first = descent.data();
     Scalar* const to = result.data();

@@ -19,12 +19,10 @@ using FourPartSystem = SpringSystem<double, 2, 4>;
 /// Whether it has Newton's iterations for four nodes of this type in vectors, too.
 template <typename System>
 inline constexpr bool kHasFourNodes = false;
-#ifdef ASTERISM_SOLVER_COMPILED
 template <>
-inline constexpr bool kHasFourNodes<PlaneSystem> = true;
+inline constexpr bool kHasFourNodes<PlaneSystem> = kIsCompiled;
 template <>
-inline constexpr bool kHasFourNodes<FourPartSystem> = true;
-#endif
+inline constexpr bool kHasFourNodes<FourPartSystem> = kIsCompiled;
 
 }  // namespace detail
 }  // namespace ASTERISM_ABI
