@@ -512,13 +512,14 @@ class Evaluation(unittest.TestCase):
                                        [{"workers": "2"}], [{"command": 3}], [{"started": []}], [{"machine": 3}],
                                        [{"notes": [3]}], [{"notes": {"a": {}}}])}.items():
             damaged += [changed(key, to=value) for value in values]
-        for text in damaged:
+        # Both commands read it by the same function; processes take a third of a second to start.
+        for number, text in enumerate(damaged):
             (self.out / "campaign.json").write_text(text)
-            for result in (self.evaluate(), run("report", self.out)):
-                self.assertEqual(result.returncode, 1, text[:300] + result.stderr)
-                self.assertIn("campaign.json", result.stderr, text[:300])
-                self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
-                self.assertLess(len(result.stderr), 1000)
+            result = self.evaluate() if number % 2 else run("report", self.out)
+            self.assertEqual(result.returncode, 1, text[:300] + result.stderr)
+            self.assertIn("campaign.json", result.stderr, text[:300])
+            self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
+            self.assertLess(len(result.stderr), 1000)
 
     @unittest.skipIf(MPIEXEC is None, "built without MPI")
     def test_processes_share_the_runs(self):
