@@ -16,8 +16,8 @@ struct Box {
 /// Where D ranges meet: at two places, mirror images in the plane (line) of their beacons, or at none.
 template <int D>
 struct Meeting {
-  bool is_clear =
-      false;  ///< whether the beacons are clearly apart, and not on a line, so that the places are known
+  /// Whether the beacons are clearly apart, and not on a line, so that the places are known.
+  bool is_clear = false;
   int places = 0;
   Vector<D> place[2];  ///< the two, or the one at which the ranges almost meet
   int boxes = 0;
