@@ -193,7 +193,7 @@ class RulesTest(unittest.TestCase):
             (lambda: asterism.layout(path, iterations=0), ValueError, "iterations: expected >= 1, found 0"),
             (lambda: asterism.layout(path, seed=-1), ValueError, "seed: expected >= 0, found -1"),
             (lambda: asterism.layout(path, threads=2**31), ValueError, r"threads: expected < 2\^31"),
-            (lambda: asterism.layout(path, seed=0.5), TypeError, "seed: expected an integer, found float"),
+            (lambda: asterism.layout(path, seed=0.5), TypeError, "seed: expected an integer, found 0.5"),
             (lambda: asterism.layout(path, start=np.full((1201, 2), np.inf)), ValueError, "start: expected finite numbers"),
             (lambda: asterism.layout(path, start=np.zeros((3, 2))), ValueError, "start"),
             (lambda: asterism.layout(path, anchors=np.zeros((3, 2))), ValueError, "anchors"),
@@ -203,7 +203,8 @@ class RulesTest(unittest.TestCase):
             (lambda: asterism.layout(path, power="2"), TypeError, "power: expected numbers, found <U1"),
             (lambda: asterism.layout(path, method=2), TypeError, "method: expected a name, found 2"),
             (lambda: asterism.layout([(0, 1, 1e-200), (1, 2, 1e-200)], method="sgd"), ValueError, "the weight of a path"),
-            (lambda: asterism.layout([], method="sgd"), ValueError, "there are no nodes"),
+            (lambda: asterism.layout([], method="sgd"), ValueError, "graph: it has no nodes"),
+            (lambda: asterism.layout(path, method="SGD"), ValueError, "unknown method 'SGD', did you mean 'sgd'"),
         ):
             with self.subTest(message), self.assertRaisesRegex(error, message):
                 call()
@@ -440,6 +441,8 @@ class BoxesTest(unittest.TestCase):
             (lambda: asterism.layout(pairs, sizes=(1, 1), anchors=pins, anchor_weights=np.inf), ValueError, "no places were found"),
             (lambda: asterism.layout(pairs, aligned=[("y", ["c", "a"])], layers=[1, 2, 3]), ValueError, "aligned: 'a' and 'c' have to be at y 1.0 and 3.0"),
             (lambda: asterism.layout(pairs, aligned=3), TypeError, "aligned: expected a list of pairs of an axis and nodes, found int"),
+            (lambda: asterism.layout(pairs, groups={"x": ["a", "b"]}), TypeError, r"groups: expected a list of lists of nodes, found dict; .* list\(groups.values\(\)\)"),
+            (lambda: asterism.layout(pairs, sizes={"a": (1, 1)}), ValueError, "sizes: expected one for each node, found none for 'b'"),
             (lambda: asterism.layout(pairs, groups="ab"), TypeError, "groups: expected a list of lists of nodes, found str"),
             (lambda: asterism.layout(pairs, layers=[1, 2, 3], anchors=pins, anchor_weights=np.inf), ValueError, "layers: 'a' is held on"),
             (lambda: asterism.layout(pairs, downward=1, layers=[0, 1, 2]), ValueError, "downward: 'b' has to be at y -1 or below"),

@@ -213,8 +213,8 @@ class MdsTest(unittest.TestCase):
             (lambda: asterism.mds(good, weights=np.ones((2, 2))), ValueError, "weights: expected shape"),
             (lambda: asterism.mds(good, anchors=np.zeros((3, 3))), ValueError, r"anchors: expected shape \(3, 2\), found \(3, 3\)"),
             (lambda: asterism.mds(good, anchors=np.zeros((3, 2)), anchor_weights=-1), ValueError, "anchor_weights: expected >= 0"),
-            (lambda: asterism.mds(good, dim=4), ValueError, "dim: expected 2 or 3, found 4"),
-            (lambda: asterism.mds(good, dim=2.0), TypeError, "dim: expected an integer, found float"),
+            (lambda: asterism.mds(good, dim=4), ValueError, "dim: expected 2 or 3, found 4; asterism.MDS takes 1 to 64"),
+            (lambda: asterism.mds(good, dim=2.0), TypeError, "dim: expected an integer, found 2.0"),
             (lambda: asterism.mds(good, start=np.zeros((2, 2))), ValueError, "start: expected shape"),
             (lambda: asterism.mds(good, method="smacof"), ValueError, "unknown method 'smacof': use 'ida'"),
             (lambda: asterism.mds(good, n_components=2), TypeError, r"mds\(\) has no option 'n_components': here it is 'dim'"),
@@ -238,7 +238,10 @@ class MdsTest(unittest.TestCase):
             (lambda: asterism.MDS().fit(row for row in good), TypeError, "X: expected an array of numbers, found generator: "),
             (lambda: asterism.layout([(0, 1)], prog="neato"), TypeError, "here it is 'method'"),
             (lambda: asterism.mds(good, tolerance=-1.0), ValueError, "tolerance"),
-            (lambda: asterism.mds(np.zeros((0, 0))), ValueError, "there are no nodes"),
+            (lambda: asterism.mds(np.zeros((0, 0))), ValueError, r"distances: expected those of one node or more, found shape \(0, 0\)"),
+            (lambda: asterism.mds(good, anchors={0: (0, 0)}), TypeError, "anchors: expected shape .*, with NaN in the rows of nodes without an anchor, found dict"),
+            (lambda: asterism.layout([(0, 1, {"weight": 2})]), TypeError, "expected a number, or give the graph of networkx itself"),
+            (lambda: asterism.layout(np.array([[0, 1], [1, 2]])), ValueError, r"graph: an array of shape \(2, 2\) is an adjacency matrix, .*; give edges as a list"),
             (lambda: asterism.layout([(0, 1, -1)]), ValueError, r"edge \(0, 1\) has length -1.0"),
             (lambda: asterism.layout([(0, 1.5)]), TypeError, "edge 0 has node 1.5; expected an integer or a name"),
             (lambda: asterism.layout([([], "b")]), TypeError, r"edge 0 has node \[\]; expected"),
@@ -255,7 +258,7 @@ class MdsTest(unittest.TestCase):
             (lambda: asterism.mds([[0, 1], [1]]), ValueError, "distances: expected shape .N, N., found rows of different lengths"),
             (lambda: asterism.mds(good, n_jobs=2), TypeError, "asterism.MDS has n_jobs"),
             (lambda: asterism.layout([(0, 1)], partners=0), ValueError, "partners: expected >= 1, found 0"),
-            (lambda: asterism.layout([(0, 1)], partners=2.5), TypeError, "partners: expected an integer, found float"),
+            (lambda: asterism.layout([(0, 1)], partners=2.5), TypeError, "partners: expected an integer, found 2.5"),
             (lambda: asterism.layout_stress([(0, 1)], np.zeros((3, 2))), ValueError, r"x: expected shape \(2, 2\) or \(2, 3\), found \(3, 2\)"),
             (lambda: asterism.layout_stress([(0, 1)], [[0, np.nan], [0, 0]]), ValueError, "x: expected finite numbers"),
         ]:
@@ -287,7 +290,35 @@ class Graph:
         return [(*edge[:2], edge[2] if len(edge) > 2 else None) for edge in self.all]
 
 
+class Table:
+    """What is used of a pandas.DataFrame."""
+
+    def __init__(self, values, index, columns):
+        self.values, self.index, self.columns = values, index, columns
+
+    def __array__(self, dtype=None):
+        return np.array(self.values, dtype)
+
+    def __iter__(self):
+        return iter(self.columns)
+
+    def itertuples(self, index, name):
+        return map(tuple, self.values)
+
+
 class LayoutTest(unittest.TestCase):
+    def test_tables_of_pandas(self):
+        expected = asterism.layout([("a", "b", 2.0), ("b", "c"), ("c", "a")])
+        edges = Table([["a", "b", 2.0], ["b", "c", 1.0], ["c", "a", 1.0]], range(3), ["from", "to", "length"])
+        matrix = Table([[0, 2, 1], [2, 0, 1], [1, 1, 0]], list("abc"), list("abc"))
+        for table in (edges, matrix):
+            found = asterism.layout(table)
+            self.assertEqual(found.nodes, list("abc"))
+            np.testing.assert_allclose(found.x, expected.x, atol=1e-9)
+        self.assertEqual(list(asterism.mds(matrix).pos), list("abc"))
+        with self.assertRaisesRegex(ValueError, r"expected shape \(N, N\), found \(3, 2\)"):
+            asterism.mds(Table([[0, 1], [1, 0], [2, 2]], range(3), "ab"))
+
     def test_nodes_of_any_names(self):
         expected = asterism.layout([(0, 1, 2.0), (1, 2), (2, 0)])
         for names in ("abc", ("x", 7, (1, 2)), (b"q", frozenset(), None)):
@@ -350,6 +381,9 @@ class LayoutTest(unittest.TestCase):
         graph = networkx.grid_2d_graph(3, 4)
         found = asterism.layout(graph)
         self.assertEqual(found.nodes, list(graph))
+        np.testing.assert_array_equal(asterism.layout(graph.edges).x.shape, found.x.shape)
+        with self.assertRaisesRegex(TypeError, "distances: expected a matrix .*, found Graph; asterism.layout draws a graph"):
+            asterism.mds(graph)
         positions = dict(zip(found.nodes, found.x))
         lengths = [np.linalg.norm(positions[a] - positions[b]) for a, b in graph.edges]
         self.assertGreater(min(lengths), 0.5)

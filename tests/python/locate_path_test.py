@@ -292,6 +292,15 @@ class LocatePathTest(unittest.TestCase):
         np.testing.assert_allclose(found.x[30:51], np.broadcast_to(found.x[30], (21, 2)), atol=1e-9)
         self.assertTrue(np.isnan(found.residuals[3]) and not found.outliers[3])
 
+    def test_a_path_that_does_not_fit_is_doubted(self):
+        truth, steps, pose, beacon, ranges = drive(8, 60)
+        self.assertEqual(asterism.locate_path(steps, BEACONS, pose, beacon, ranges, 0.2).message, "")
+        in_cm = asterism.locate_path(steps, BEACONS, pose, beacon, np.asarray(ranges) * 100, 0.2)
+        self.assertRegex(in_cm.message, "the residuals are .* sigma .*: are steps, beacons, ranges and sigma in one unit")
+        steps[7][2] = 10.0
+        in_degrees = asterism.locate_path(steps, BEACONS, pose, beacon, ranges, 0.2)
+        self.assertIn("step 7 turns by 10: are turns in radians?", in_degrees.message)
+
     def test_bad_input(self):
         good = {"steps": [[1, 0, 0.1]] * 5, "beacons": BEACONS[:3], "pose": [0, 1, 2, 3.5], "beacon": [0, 1, 2, 0], "ranges": [15, 16, 20, 18], "sigma": 0.1}
         self.assertTrue(np.isfinite(asterism.locate_path(**good).x).all())
@@ -300,19 +309,20 @@ class LocatePathTest(unittest.TestCase):
             ({"steps": [[0, 0, 1.0]] * 5}, "the robot does not move"),
             ({"steps": np.empty((0, 3)), "pose": [0, 0, 0, 0]}, "at least one step"),
             ({"steps": [1, 2, 3]}, "steps: expected shape"),
-            ({"ranges": [15, -1, 20, 18]}, "range 1 is negative"),
-            ({"ranges": [15, np.inf, 20, 18]}, "range 1 is too large or infinite"),
-            ({"sigma": [1, 1, 0, 1]}, "sigma 2 is not a finite number > 0"),
+            ({"ranges": [15, -1, 20, 18]}, "ranges: expected finite numbers >= 0, or NaN where nothing was heard, found -1.0 at [1]"),
+            ({"ranges": [15, np.inf, 20, 18]}, "found inf at [1]"),
+            ({"sigma": [1, 1, 0, 1]}, "sigma: expected finite numbers > 0, found 0.0 at [2]"),
             ({"sigma": [1, 1]}, "sigma: expected a number or shape"),
-            ({"beacon": [0, 1, 2, 7]}, "range 3 is to a beacon that does not exist"),
+            ({"beacon": [0, 1, 2, 7]}, "beacon: expected the number of a beacon, 0 to 2, found 7 at [3]"),
             ({"beacon": [0, 1, 2, 0.5]}, "beacon: expected whole numbers"),
-            ({"pose": [0, 1, 2, 9]}, "range 3 is from a pose that does not exist"),
-            ({"pose": [0, 1, NAN, 3]}, "range 2 is from a pose that does not exist"),
+            ({"pose": [0, 1, 2, 9]}, "pose: expected the number of a pose, 0 to 5, found 9.0 at [3]"),
+            ({"pose": [0, 1, NAN, 3]}, "pose: expected the number of a pose, 0 to 5, found nan at [2]"),
             ({"beacons": [[0, 0], [1, np.inf], [2, 2]]}, "beacon 1 has a coordinate"),
+            ({"beacons": [[0, 0], [1, NAN], [2, 2]]}, "beacons: row 1 is [1.0, nan]; expected finite numbers, or NaN in both"),
             ({"beacons": [[0, 0], [NAN, NAN], [2, 2]]}, "beacon 1 has no place and fewer than two ranges"),
-            ({"times": [0, 1, 2, 2, 3, 4]}, "times: expected finite numbers that rise"),
-            ({"times": [0, 1, 2, 3, 3.1, 3.2]}, "range 3 was measured before"),
-            ({"cutoff": 0}, "cutoff has to be > 0"),
+            ({"times": [0, 1, 2, 2, 3, 4]}, "times: expected rising numbers, found 2.0 before 2.0 at pose 3"),
+            ({"times": [0, 1, 2, 3, 3.1, 3.2]}, "pose: expected the time of each range, 0.0 to 3.2 as the times are, found 3.5 at [3]"),
+            ({"cutoff": 0}, "cutoff: expected a number > 0, found 0.0"),
             ({"turn_sigma": -1}, "turn_sigma"),
             ({"step_sigma": 0}, "step_sigma"),
             ({"scale_sigma": -1}, "scale_sigma"),

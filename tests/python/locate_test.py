@@ -135,11 +135,13 @@ class LocateTest(unittest.TestCase):
     def test_bad_input(self):
         ones = [1, 1, 1, 1]
         for arguments, options, error, says in (
-            ((SQUARE, [1, -1, 1, 1], 1), {}, ValueError, "range 1 is negative"),
-            ((SQUARE, [1, np.inf, 1, 1], 1), {}, ValueError, "range 1 is too large or infinite"),
-            ((SQUARE, [ones, [1, 1, 1, -1]], 1), {}, ValueError, "tag 1: range 3 is negative"),
-            ((SQUARE, ones, 0), {}, ValueError, "sigma 0 is not a finite number > 0"),
-            ((SQUARE, ones, NAN), {}, ValueError, "sigma 0 is not a finite number > 0"),
+            ((SQUARE, [1, -1, 1, 1], 1), {}, ValueError, "ranges: expected finite numbers >= 0, or NaN where nothing was heard, found -1.0 at [1]"),
+            ((SQUARE, [1, np.inf, 1, 1], 1), {}, ValueError, "found inf at [1]"),
+            ((SQUARE, [1, 1e300, 1, 1], 1), {}, ValueError, "range 1 is too large or infinite"),
+            ((SQUARE, [ones, [1, 1, 1, -1]], 1), {}, ValueError, "ranges: expected finite numbers >= 0, or NaN where nothing was heard, found -1.0 at [1, 3]"),
+            ((SQUARE, ones, 0), {}, ValueError, "sigma: expected finite numbers > 0, found 0.0"),
+            ((SQUARE, [ones, ones], [1, 1, -2, 1]), {}, ValueError, "sigma: expected finite numbers > 0, found -2.0 at [2]"),
+            ((SQUARE, ones, NAN), {}, ValueError, "sigma: expected finite numbers > 0, found nan"),
             ((SQUARE, ones, 1e-300), {}, ValueError, "sigma 0 is too large or too small"),
             ((SQUARE, ones, [1, 1]), {}, ValueError, "sigma: expected a number or shape (4,)"),
             ((SQUARE, ones, "much"), {}, TypeError, "sigma: expected numbers"),
@@ -153,7 +155,7 @@ class LocateTest(unittest.TestCase):
             (([[5, 5]] * 4, ones, 1), {}, ValueError, "all in one place"),
             (([[0, 0, 0], [1, 1, 1], [2, 2, 2], [5, 5, 5]], ones, 1), {}, ValueError, "on one line"),
             ((SQUARE, ones, 0.1), {"cutoff": 0.01}, ValueError, "no position agrees with 2 ranges"),
-            ((SQUARE, ones, 1), {"cutoff": 0}, ValueError, "cutoff"),
+            ((SQUARE, ones, 1), {"cutoff": 0}, ValueError, "cutoff: expected a number > 0, found 0.0"),
             ((SQUARE, ones, 1), {"within": -1}, ValueError, "within"),
             ((SQUARE, ones, 1), {"max_cells": 0}, ValueError, "max_cells"),
             ((SQUARE, ones, 1), {"threads": -1}, ValueError, "threads: expected 0 or more"),
@@ -163,6 +165,17 @@ class LocateTest(unittest.TestCase):
                     asterism.locate(*arguments, **options)
                 self.assertIn(says, str(raised.exception))
                 self.assertNotIn("\n", str(raised.exception))
+
+    def test_a_position_that_does_not_fit_is_doubted(self):
+        self.assertEqual(asterism.locate(SQUARE, [6.4, 6.4, 6.4, 9], 1).message, "")
+        says = "the residuals are .* sigma \\(root mean square\\): are beacons, ranges and sigma in one unit"
+        self.assertRegex(asterism.locate(SQUARE, np.full(4, 640), 0.1).message, says)  # in cm
+        on_a_line = asterism.locate([[0, 0], [10, 0], [20, 0]], [50, 40, 50], 0.1).message
+        self.assertRegex(on_a_line, "^the beacons lie on one line: .*; " + says)
+        both = asterism.locate(SQUARE, [[6.4] * 4, [640] * 4], 0.1).message
+        self.assertEqual(both[0], "")
+        self.assertRegex(both[1], says)
+        self.assertNotIn("residuals", asterism.locate(SQUARE, [6.4, 6.4, 6.4, 90], 0.1, cutoff=3).message)
 
     def test_the_repr_is_one_short_line(self):
         one = repr(asterism.locate([[0, 0], [4, 0], [0, 3]], [2.5, 2.5, 2.5], 0.1))

@@ -123,6 +123,15 @@ class CameraTest(unittest.TestCase):
         camera = pose.Camera(matrix, rotation, translation, distortions)
         np.testing.assert_allclose(camera.project(points), cv2.projectPoints(points, rotation, translation, matrix, distortions)[0][:, 0], atol=1e-9)
 
+    def test_vectors_may_be_columns_as_opencv_returns_them(self):
+        matrix = [[100, 0, 50], [0, 100, 40], [0, 0, 1]]
+        flat = pose.Camera(matrix, [0.1, 0.2, 0.3], [1, 2, 3])
+        column = pose.Camera(matrix, np.array([[0.1], [0.2], [0.3]]), np.array([[1], [2], [3]]), np.zeros((1, 5)))
+        for field in ("rotation", "translation", "distortions"):
+            np.testing.assert_array_equal(getattr(column, field), getattr(flat, field))
+        with self.assertRaisesRegex(ValueError, "matrix: .*: is it transposed"):
+            pose.Camera(np.transpose(matrix), [0, 0, 0], [0, 0, 1])
+
     def test_undistort_inverts_the_distortion(self):
         camera = ring(3)[1]
         points = np.random.default_rng(1).normal(0, 1, (200, 3))
@@ -519,7 +528,7 @@ class FuseTest(unittest.TestCase):
             ((seen, None, cameras), {"times": 1e-300 * np.arange(20)}, "times: another unit is needed for 20 times between 0.0 and 1.9e-299"),
             ((seen, None, cameras), {"times": 1e300 * np.arange(20)}, "times: another unit is needed"),
             ((seen, None, cameras), {"times": np.full(20, np.nan)}, "times: expected finite numbers"),
-            ((seen, None, cameras, [(0, 4)]), {}, "skeleton: expected pairs of two joints, 0 to 3"),
+            ((seen, None, cameras, [(0, 4)]), {}, "skeleton: expected pairs of the numbers of two joints, 0 to 3, found (0, 4)".replace("(", "[(]").replace(")", "[)]")),
             *(((seen, None, cameras, limbs), {}, "skeleton: expected pairs") for limbs in ([(1, 1)], [0, 1, 2], [(0, 1, 2), (0, 2, 3)], [(0, 1), (2,)], [(0.0, 1.0)], 3)),
             *(((seen, None, cameras), {"pairs": pairs}, "pairs: expected pairs") for pairs in ([(0.5, 1)], [("a", "b")], [0, 1], [(0, 1, 2)], 3)),
         ]
@@ -529,7 +538,7 @@ class FuseTest(unittest.TestCase):
             self.assertNotIn("\n", str(caught.exception))
         with self.assertRaisesRegex(TypeError, "asterism.pose.Camera"):
             pose.fuse(seen, None, [1, 2, 3])
-        for field, value in [("matrix", np.eye(2)), ("rotation", 2 * np.eye(3)), ("translation", [0, 0, np.nan]), ("distortions", range(8)), ("size", (0, 5))]:
+        for field, value in [("matrix", np.eye(2)), ("rotation", 2 * np.eye(3)), ("translation", [0, 0, np.nan]), ("distortions", range(8)), ("size", (0, 5)), ("matrix", [[1, 0, 0], [0, 1, 0], [9, 9, 1]])]:
             with self.subTest(field), self.assertRaisesRegex(ValueError, f"camera c: {field}"):
                 pose.Camera(**{"matrix": np.eye(3), "rotation": [0, 0, 0], "translation": [0, 0, 1], "name": "c", field: value})
 
@@ -750,6 +759,19 @@ class FilesTest(unittest.TestCase):
             pose.write_points(self.folder / "c.csv", points, ["a", "b"])
             np.testing.assert_array_equal(pose.read_detections(self.folder / "c.csv").points, points)
 
+    def test_what_is_no_table_is_told(self):
+        for text, words in [
+            ("frame;a_x;a_y\n0;1;2\n", "cells are separated by commas, not by ';'"),
+            ("frame\ta_x\ta_y\n0\t1\t2\n", "cells are separated by commas, not by '.t'"),
+            ("hello\n", "expected a header line, frame,NAME_x,NAME_y,.*, found 'hello'"),
+            ("a_x,a_y\n1,2\n", "the first column is 'a_x', where the frame is expected"),
+            ("0,1,2\n1,2,3\n", "expected a header line, .*, found '0,1,2'"),
+        ]:
+            with self.subTest(text), self.assertRaisesRegex(ValueError, "a.csv: .*" + words):
+                pose.read_detections(self.write(text))
+        with self.assertRaisesRegex(ValueError, "points.txt: expected a name that ends with .csv, .h5 or .hdf5"):
+            pose.write_points(self.folder / "points.txt", np.zeros((2, 1, 2)), ["a"])
+
     def test_cameras(self):
         path = self.write('[cam_0]\nname = "left"\nsize = [ 640, 480,]\nmatrix = [[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]\ndistortions = [0.1, 0, 0, 0, 0]\nrotation = [0.0, 0, 0]\ntranslation = [1.0, 2, 3]\n[metadata]\nerror = 1.0\n')
         (camera,) = pose.read_cameras(path)
@@ -876,6 +898,16 @@ class ToolTest(unittest.TestCase):
         self.assertEqual(len(rows), 1 + 60 * 4)
         np.testing.assert_allclose([float(v) for v in rows[5][2:8]], [*expected.points[1, 0], *np.sqrt(np.diag(expected.covariance[1, 0]))])
 
+    def test_frames_that_are_left_out(self):
+        kept = np.r_[0:20, 35:60]
+        pose.write_points(self.folder / "gap.csv", self.seen[0, kept], self.names, [str(k) for k in kept])
+        code, output, errors = self.run_tool(str(self.folder / "gap.csv"))
+        self.assertEqual((code, errors), (0, ""))
+        self.assertRegex(output, r"the others are \d\S* px off \(median\)")
+        found = pose.read_detections(self.folder / "points.csv").points
+        np.testing.assert_array_equal(found, pose.fuse(self.seen[0, kept], times=kept).points)
+        self.assertFalse(np.array_equal(found, pose.fuse(self.seen[0, kept]).points))
+
     def test_pairs_in_the_image(self):
         code, output, errors = self.run_tool(self.files[0], "--pairs", "names", "--confidence")
         self.assertEqual((code, errors), (0, ""))
@@ -898,6 +930,9 @@ class ToolTest(unittest.TestCase):
             ([self.files[0], "--skeleton", self.write("e.csv", "")], "e.csv: no limbs"),
             ([self.files[0], "--times", self.write("t.txt", "0\none\n")], "t.txt:2: not a number: 'one'"),
             ([self.files[0], "--times", self.write("u.txt", "0\n1\n")], "u.txt: has 2 times for"),
+            ([self.write("falls.csv", "frame,a_x,a_y\n1,1,2\n0,2,3\n")], "falls.csv: expected rising frames, found 0 after 1"),
+            ([self.write("never.csv", "frame,a_x,a_y,b_x,b_y\n0,1,2,,\n1,2,3,,\n")], "never.csv: joint b is never seen"),
+            ([self.files[0], self.write("other view.csv", pathlib.Path(self.files[1]).read_text()), "--cameras", toml], "named as they are (view 0.csv, view 1.csv, view 2.csv)"),
             ([self.files[0], "--pairs", "knee"], "expected LEFT:RIGHT"),
             ([self.files[0], "--pairs", "knee:tail"], "no joint is named tail"),
             ([other, "--pairs", "names"], "differ in left and right"),

@@ -301,6 +301,18 @@ class MdsTest(unittest.TestCase):
         )
         subprocess.run([sys.executable, "-c", code], check=True)
 
+    def test_distances_given_as_points_are_told(self):
+        distances = symmetric(np.random.default_rng(3).uniform(1, 2, (6, 6)))
+        np.fill_diagonal(distances, 0)
+        with self.assertWarnsRegex(UserWarning, "if these are distances, use dissimilarity='precomputed'") as caught:
+            asterism.MDS().fit(distances)
+        self.assertEqual(caught.filename, __file__)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            asterism.MDS().fit(distances[:5])
+            asterism.MDS().fit(distances + np.eye(6))
+            precomputed().fit(distances)
+
     def test_says_what_is_wrong(self):
         good = symmetric(np.ones((4, 4)))
         fitted = precomputed().fit(good)
@@ -316,7 +328,7 @@ class MdsTest(unittest.TestCase):
             (lambda: asterism.MDS(foo=1), TypeError, r"has no option 'foo' \(it has: n_components, metric"),
             (lambda: asterism.MDS().set_params(dim=3), ValueError, "Invalid parameter 'dim' .* here it is 'n_components'"),
             (lambda: precomputed(0).fit(good), ValueError, "n_components: expected >= 1, found 0"),
-            (lambda: precomputed(2.5).fit(good), TypeError, "n_components: expected an integer, found float"),
+            (lambda: precomputed(2.5).fit(good), TypeError, "n_components: expected an integer, found 2.5"),
             (lambda: precomputed(200).fit(good), ValueError, "n_components: expected at most 64, found 200"),
             (lambda: precomputed(n_init=0).fit(good), ValueError, "n_init: expected >= 1"),
             (lambda: precomputed(n_jobs=0).fit(good), ValueError, "n_jobs: expected >= 1"),
@@ -325,7 +337,7 @@ class MdsTest(unittest.TestCase):
             (lambda: precomputed(eps="1e-3").fit(good), TypeError, "eps: expected numbers, found <U4"),
             (lambda: precomputed(certify="no").fit(good), ValueError, "certify: expected True or False, found 'no'"),
             (lambda: precomputed(eps=0).fit(good), ValueError, "eps: expected a finite number > 0, found 0"),
-            (lambda: precomputed(random_state="a").fit(good), TypeError, "random_state: expected an integer, found str"),
+            (lambda: precomputed(random_state="a").fit(good), TypeError, "random_state: expected an integer, found 'a'"),
             (lambda: asterism.MDS(dissimilarity="cosine").fit(good), ValueError, "dissimilarity: expected 'euclidean' or 'precomputed', found 'cosine'"),
             (lambda: precomputed(normalized_stress=3).fit(good), ValueError, "normalized_stress: expected True, False or 'auto'"),
             (lambda: precomputed(loss="cauchy").fit(good), ValueError, "loss: expected 'quadratic', 'huber' or"),

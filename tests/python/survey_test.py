@@ -200,6 +200,12 @@ class SurveyTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "device 2 can move without changing a range"):
             asterism.survey(ranges, 0.1)
 
+    def test_places_that_do_not_fit_are_doubted(self):
+        ranges = scene(1, 6, 2, 0, 0)[2]
+        ranges[0, 1] = ranges[1, 0] = 100
+        self.assertRegex(asterism.survey(ranges, 0.1).message, "the residuals are .* sigma .*: are ranges and sigma in one unit")
+        self.assertEqual(asterism.survey(ranges, 0.1, cutoff=3).message, "")
+
     def test_bad_input(self):
         good = scene(1, 6, 2, 0.1, 0)[2]
         bad = good.copy()

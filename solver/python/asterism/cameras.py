@@ -19,7 +19,7 @@ class Camera:
 
     #: (3, 3) [px].
     matrix: npt.ArrayLike
-    #: Rotation from the world to the camera: (3, 3), or a Rodrigues vector (3,).
+    #: Rotation from the world to the camera: (3, 3), or a Rodrigues vector (3,), which may be a column (3, 1), as translation may.
     rotation: npt.ArrayLike
     #: (3,), in the world's unit of length.
     translation: npt.ArrayLike
@@ -38,6 +38,8 @@ class Camera:
         where = f"camera {self.name}".rstrip()
         for field, shapes in [("matrix", [(3, 3)]), ("rotation", [(3, 3), (3,)]), ("translation", [(3,)])]:
             value = np.array(inputs.numbers(getattr(self, field), f"{where}: {field}"))
+            if field != "matrix" and value.shape in ((3, 1), (1, 3)):  # a vector, as OpenCV returns it
+                value = value.ravel()
             if value.shape not in shapes:
                 raise ValueError(f"{where}: {field}: expected shape {' or '.join(map(str, shapes))}, found {value.shape}")
             if not np.isfinite(value).all():
@@ -45,7 +47,8 @@ class Camera:
             keep(field, value)
         distortions = np.array(inputs.numbers(self.distortions, f"{where}: distortions")).ravel()
         if len(distortions) > 5 or not np.isfinite(distortions).all():
-            raise ValueError(f"{where}: distortions: expected at most five finite numbers (k1, k2, p1, p2, k3)")
+            found = f"{len(distortions)} numbers" if np.isfinite(distortions).all() else f"{distortions}"
+            raise ValueError(f"{where}: distortions: expected at most five finite numbers (k1, k2, p1, p2, k3), found {found}")
         keep("distortions", np.append(distortions, np.zeros(5 - len(distortions))))
         if self.rotation.shape == (3,):
             keep("rotation", _rotation(self.rotation))
@@ -53,6 +56,9 @@ class Camera:
             raise ValueError(f"{where}: rotation: expected a rotation")
         if not (self.matrix[0, 0] > 0 and self.matrix[1, 1] > 0):
             raise ValueError(f"{where}: matrix: expected positive focal lengths")
+        if self.matrix[1, 0] != 0 or not np.array_equal(self.matrix[2], [0, 0, 1]):
+            rows = self.matrix[1:].tolist()
+            raise ValueError(f"{where}: matrix: expected the last rows [0, fy, cy] and [0, 0, 1], found {rows[0]} and {rows[1]}: is it transposed?")
         if self.size is not None:
             size = np.array(inputs.numbers(self.size, f"{where}: size", (2,)))
             if not (size > 0).all():

@@ -111,6 +111,7 @@ def mds(
 
     distances: (N, N), symmetric, >= 0; a pair that is NaN or masked is missing, and the diagonal is not read. Of a scipy.sparse
         matrix the stored entries are the known pairs; one triangle suffices, and entries given twice are summed.
+        The names of a matrix of pandas become the result's `nodes`.
         Entries [i, j] and [j, i] may differ by a billionth, or by 8 units in the last place of the matrix's type: then their
         mean counts.
     weights: (N, N), symmetric, >= 0, as distances; a pair of 0, or masked, is missing. None: 1 for each known pair.
@@ -129,8 +130,10 @@ def mds(
     minima: `gap` says what is proven of the one found.
     """
     _check_options("mds()", mds, method, options)
-    _check_dim(dim)
+    _check_dim(dim, "; asterism.MDS takes 1 to 64 as n_components")
     pairs, lengths, n = _known_pairs(distances)
+    if n == 0:
+        raise ValueError("distances: expected those of one node or more, found shape (0, 0)")
     stiffness = _weights_of(weights, pairs, n)
     pairs, lengths, stiffness = pairs[stiffness > 0], lengths[stiffness > 0], stiffness[stiffness > 0]
     at, hold = _anchors_of(anchors, anchor_weights, n, dim)
@@ -138,7 +141,7 @@ def mds(
     given = None if start is None else inputs.array(start, "start", (n, dim))
     if given is not None and not np.isfinite(given).all():
         raise ValueError("start: expected finite numbers")
-    return embed(Known(list(range(n)), at, hold, given), pairs, lengths, stiffness, method, options)
+    return embed(Known(_names_of(distances) or list(range(n)), at, hold, given), pairs, lengths, stiffness, method, options)
 
 
 def layout(
@@ -164,9 +167,10 @@ def layout(
     The stress is that of mds for all pairs of nodes, with d_ij the length of the shortest path and w_ij = d_ij ** -power.
     Directions of edges are ignored. Components are placed side by side, by the method "sgd" in rows.
 
-    graph: a list of edges, (a, b) or (a, b, length), between nodes of any names that can be keys of a dict; if all are integers, the
-        nodes are 0 .. N - 1, with a warning for those that have no edge; numbers of which few are nodes are given as names (str). Or an adjacency matrix (N, N), of NumPy or scipy.sparse,
-        whose entries other than 0 are the lengths of edges (a masked one is not an edge). Or a graph of networkx.
+    graph: a list of edges, (a, b) or (a, b, length), or a table of pandas with such rows, between nodes of any names that can be keys of a dict; if all are integers, the
+        nodes are 0 .. N - 1, with a warning for those that have no edge; numbers of which few are nodes are given as names (str). Or an adjacency
+        matrix (N, N), of NumPy, scipy.sparse or pandas (with names), whose entries other than 0 are the lengths of edges (a masked one is not an
+        edge). Or a graph of networkx.
     length: the attribute that is the length of an edge of networkx; edges without it, and all edges for None, have the length 1.
         There is a warning if the edges have a "weight" instead, which may be a length or a strength.
     method: None: "sgd" over 1000 nodes, otherwise "multi-start", which for 101 to 300 nodes also starts from the drawing by "sgd",
@@ -202,6 +206,8 @@ def layout(
     _check_dim(dim)
     nodes, edges, joined_nodes, joined_lengths = _graph_of(graph, length)
     n = len(nodes)
+    if n == 0:
+        raise ValueError("graph: it has no nodes")
     if method is None:
         method = "lbfgs-jacobi" if partners is not None else "sgd" if n > _MANY else "multi-start"
     power = inputs.number(power, "power")
@@ -210,6 +216,8 @@ def layout(
     anchors, anchor_weights = inputs.by_node(anchors, "anchors", nodes), inputs.by_node(anchor_weights, "anchor_weights", nodes)
     if isinstance(start, Mapping) and not start and nodes:
         raise ValueError("start: expected a place for each node, found an empty dict")
+    if isinstance(sizes, Mapping) and sizes and (left := [node for node in nodes if node not in sizes]):
+        raise ValueError(f"sizes: expected one for each node, found none for {inputs.shown(left[0])}")
     start, sizes, layers = (inputs.by_node(v, name, nodes) for v, name in ((start, "start"), (sizes, "sizes"), (layers, "layers")))
     given = None if start is None else inputs.array(start, "start", (n, dim))
     if given is not None and not np.isfinite(given).all():
@@ -268,6 +276,8 @@ def _check_options(of: str, function: Callable[..., Any], method: str, options: 
     """TypeError for an option that neither the function nor the method has."""
     if not isinstance(method, str):
         raise TypeError(f"method: expected a name, found {inputs.shown(method)}")
+    if function is layout and method.lower() == "sgd":
+        raise ValueError(f"unknown method '{method}', did you mean 'sgd'?")
     own = [name for name, p in inspect.signature(function).parameters.items() if p.kind != p.VAR_KEYWORD]
     known = [*own, *(name for name in _asterism.Solver(method).options if name != "hold_floating"), "on_iteration"]
     for name in options:
@@ -275,13 +285,13 @@ def _check_options(of: str, function: Callable[..., Any], method: str, options: 
             raise TypeError(names.no_option(of, name, known))
 
 
-def _check_dim(dim: int) -> None:
+def _check_dim(dim: int, hint: str = "") -> None:
     try:
         found = operator.index(dim)
     except TypeError:
-        raise TypeError(f"dim: expected an integer, found {type(dim).__name__}") from None
+        raise TypeError(f"dim: expected an integer, found {inputs.shown(dim)}") from None
     if found not in (2, 3):
-        raise ValueError(f"dim: expected 2 or 3, found {found}; the Python package has no other dimensions")
+        raise ValueError(f"dim: expected 2 or 3, found {found}{hint}")
 
 
 # What mds is given instead of a matrix of distances.
@@ -292,6 +302,8 @@ _NOT_DISTANCES = {
 
 
 def _known_pairs(distances: Any, name: str = "distances") -> tuple[npt.NDArray[np.intp], _Floats, int]:
+    if _is_networkx(distances):
+        raise TypeError(f"{name}: expected a matrix (N, N), found {type(distances).__name__}; asterism.layout draws a graph")
     inputs.square(distances, name, _NOT_DISTANCES)
     pairs, lengths = inputs.pairs_of(distances, name, missing=np.nan)
     if not (known := ~np.isnan(lengths)).all():
@@ -321,6 +333,8 @@ def _anchors_of(anchors: Any, anchor_weights: Any, n: int, dim: int) -> tuple[_F
     """Anchors and their weights, both 0 for nodes without an anchor."""
     if anchors is None:
         return np.zeros((n, dim)), np.zeros(n)
+    if isinstance(anchors, Mapping):  # layout has put those of its nodes in order
+        raise TypeError(f"anchors: expected shape {(n, dim)}, with NaN in the rows of nodes without an anchor, found {type(anchors).__name__}")
     at = inputs.array(anchors, "anchors", (n, dim), missing=np.nan)
     there = ~np.isnan(at).all(axis=1)
     if len(bad := np.flatnonzero(there & ~np.isfinite(at).all(axis=1))):
@@ -374,9 +388,27 @@ def _edges_with(n: int, pairs: npt.NDArray[np.intp], lengths: _Floats) -> _Edges
     return _Edges(graph, _components(graph), float(lengths.max(initial=0)) or 1.0)
 
 
+def _is_networkx(graph: Any) -> bool:
+    return hasattr(graph, "nodes") and callable(getattr(graph, "edges", None))
+
+
+def _names_of(table: Any) -> list[Any] | None:
+    """Of the rows of a matrix of pandas, where its columns have the same names."""
+    if not hasattr(table, "columns") or not hasattr(table, "itertuples"):
+        return None
+    names = list(table.columns)
+    is_same = len(table.index) == len(names) and all(row == column for row, column in zip(table.index, names))
+    return names if is_same and len(set(names)) == len(names) else None
+
+
 def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
     """Nodes, edges and their lengths; loops are dropped, and several edges may join the same two nodes."""
-    if hasattr(graph, "nodes") and callable(getattr(graph, "edges", None)):  # of networkx
+    names = _names_of(graph)
+    if names is not None:
+        graph = np.asarray(graph)
+    elif hasattr(graph, "itertuples"):  # a table of pandas with an edge in each row
+        graph = list(graph.itertuples(index=False, name=None))
+    if _is_networkx(graph):
         nodes = list(graph.nodes)
         index = {node: k for k, node in enumerate(nodes)}
         edges = list(graph.edges(data="length" if length is None else length))
@@ -393,13 +425,15 @@ def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np
                 stacklevel=4,
             )
     elif inputs.is_sparse(graph) or isinstance(graph, np.ndarray):
-        n = inputs.square(graph, "graph: an adjacency matrix (give edges as a list)")
-        nodes = list(range(n))
+        n = inputs.square(graph, "graph: an adjacency matrix (give edges as a list, such as graph.tolist())")
+        nodes = list(range(n)) if names is None else names
         if inputs.is_sparse(graph):
             row, column, lengths = inputs.entries(graph, "graph")
             pairs = np.column_stack([row, column])
         else:
             matrix = inputs.numbers(graph, "graph", (n, n), missing=0)
+            if n == 2 and np.diagonal(matrix).any() and names is None:  # two edges, more probably than two nodes with loops
+                raise ValueError("graph: an array of shape (2, 2) is an adjacency matrix, whose diagonal has to be 0; give edges as a list, such as graph.tolist()")
             pairs = np.argwhere(matrix != 0)
             lengths = matrix[pairs[:, 0], pairs[:, 1]]
         pairs, lengths = pairs[lengths != 0], lengths[lengths != 0]
@@ -413,7 +447,8 @@ def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np
 
 
 def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
-    if isinstance(graph, (str, bytes, Mapping)) or not isinstance(graph, Iterable):
+    is_edges = type(graph).__name__.endswith("EdgeView")  # G.edges of networkx, which is a mapping
+    if isinstance(graph, (str, bytes)) or (isinstance(graph, Mapping) and not is_edges) or not isinstance(graph, Iterable):
         hint = "; networkx.Graph makes a graph of a dict of neighbours" if isinstance(graph, Mapping) else ""
         raise TypeError(f"graph: expected a list of edges, an adjacency matrix or a graph of networkx, found {type(graph).__name__}{hint}")
     ends, lengths = [], []
@@ -421,7 +456,7 @@ def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[list[Any], npt.NDArr
         if isinstance(edge, str) or not hasattr(edge, "__len__") or len(edge) not in (2, 3):
             raise TypeError(f"graph: edge {k} is {inputs.shown(edge)}; expected (a, b) or (a, b, length)")
         if len(edge) == 3 and isinstance(edge[2], Mapping):
-            raise TypeError(f"graph: edge {k} has the length {inputs.shown(edge[2])}; expected a number")
+            raise TypeError(f"graph: edge {k} has the length {inputs.shown(edge[2])}; expected a number, or give the graph of networkx itself")
         for node in edge[:2]:
             if isinstance(node, (float, np.floating)) or getattr(node, "__hash__", None) is None:
                 raise TypeError(f"graph: edge {k} has node {inputs.shown(node)}; expected an integer or a name, which can be a key of a dict")

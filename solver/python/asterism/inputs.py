@@ -19,7 +19,7 @@ from .names import shown
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 
-__all__ = ["array", "brief", "by_node", "choice", "count", "counted", "entries", "is_sparse", "items", "joint_pairs", "number", "numbers", "pairs_of", "positive", "processors", "shown", "square", "whole_file"]
+__all__ = ["array", "brief", "by_node", "check_each", "choice", "count", "counted", "entries", "is_sparse", "items", "joint_pairs", "number", "numbers", "pairs_of", "positive", "processors", "shown", "square", "whole_file"]
 
 # numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
 # become `missing`; where there is none, and for anything else than an array of real numbers, TypeError. ValueError for another shape.
@@ -35,7 +35,7 @@ def count(value: Any, name: str, least: int = 1) -> int:
     try:
         found = operator.index(value)
     except TypeError:
-        raise TypeError(f"{name}: expected an integer, found {type(value).__name__}") from None
+        raise TypeError(f"{name}: expected an integer, found {shown(value)}") from None
     if found < least:
         raise ValueError(f"{name}: expected >= {least}, found {found}")
     if found >= 2**31:
@@ -81,6 +81,16 @@ def positive(value: Any, name: str) -> float:
     if not found > 0:
         raise ValueError(f"{name}: expected a finite number > 0, found {found}")
     return found
+
+
+def check_each(values: _Floats, name: str, is_good: Any, expected: str) -> None:
+    """ValueError with the first value that is not good, and with its place."""
+    if np.all(is_good):
+        return
+    place = tuple(int(k) for k in np.argwhere(~np.asarray(is_good))[0])
+    if not place:
+        raise ValueError(f"{name}: expected {expected}, found {values}")
+    raise ValueError(f"{name}: expected {expected}, found {values[place]} at [{', '.join(map(str, place))}]")
 
 
 def brief(result: Any) -> str:
@@ -135,13 +145,18 @@ def is_sparse(matrix: Any) -> bool:
 def joint_pairs(pairs: Any, name: str, joints: int) -> _Indices:
     """Pairs of two joints (P, 2). ValueError for anything else."""
     try:
-        found = np.array(list(pairs))
+        listed = list(pairs)
+        found = np.array(listed)
     except (TypeError, ValueError):
-        found = np.zeros(1)
+        listed, found = [pairs], np.zeros(1)
     if found.size == 0 and found.ndim == 1:
         return np.zeros((0, 2), np.intp)
-    if found.shape[1:] != (2,) or found.dtype.kind not in "iu" or not ((found >= 0) & (found < joints)).all() or (found[:, 0] == found[:, 1]).any():
-        raise ValueError(f"{name}: expected pairs of two joints, 0 to {joints - 1}")
+    expected = f"{name}: expected pairs of the numbers of two joints, 0 to {joints - 1}"
+    if found.shape[1:] != (2,) or found.dtype.kind not in "iu":
+        raise ValueError(f"{expected}, found {shown(listed[0])}")
+    is_good = ((found >= 0) & (found < joints)).all(1) & (found[:, 0] != found[:, 1])
+    if not is_good.all():
+        raise ValueError(f"{expected}, found {tuple(found[~is_good][0].tolist())}")
     return found.astype(np.intp)
 
 

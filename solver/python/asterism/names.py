@@ -31,6 +31,10 @@ _OPTIONS: dict[str, tuple[str, str]] = {
     **dict.fromkeys(["weight", "len"], ("length", "the attribute that is the length of an edge")),
     **dict.fromkeys(["overlap", "nodesize", "nodesizes", "avoidoverlap", "avoidoverlaps"], ("sizes", "the width and the height of each box")),
     **dict.fromkeys(["w", "sampleweight"], ("weights", "")),
+    **dict.fromkeys(["delta", "fscale", "lossscale", "lossparameter", "huberdelta"], ("scale", "of the loss")),
+    **dict.fromkeys(["robust", "kernel", "robustkernel", "lossfunction"], ("loss", "")),
+    **dict.fromkeys(["k", "springconstant", "constant"], ("stiffness", "")),
+    **dict.fromkeys(["restlength", "restlengths", "rest", "distances"], ("lengths", "")),
     **dict.fromkeys(["npivots", "pivots"], ("partners", "")),
     **dict.fromkeys(["minimizertype", "algorithm", "solver", "mode", "prog"], ("method", "")),
 }
@@ -53,6 +57,9 @@ _MORE = {
     "fixed": ("anchors", "'anchors' with anchor_weights=np.inf hold nodes"),
     "njobs": ("distances", "mds runs in one thread; asterism.MDS has n_jobs"),
 }
+
+# What is in a module of the package.
+_OF_POSE = ("fuse", "triangulate", "Camera", "Stream", "read_cameras", "read_detections", "write_points")
 
 # Functions of other libraries.
 _FUNCTIONS = {
@@ -121,6 +128,8 @@ def no_attribute(name: str, known: Sequence[str]) -> str:
     start = f"module 'asterism' has no attribute '{name}'"
     if name in ("torch", "trax"):
         return f"{start}: it is a module of its own, import asterism.{name}"
+    if name in _OF_POSE:
+        return f"{start}: key-points over time and cameras are in asterism.pose, such as asterism.pose.fuse"
     for what, those in _LEFT_OUT.items():
         if name in those:
             return f"{start}: it is left out, as the build had no {what}"
@@ -227,6 +236,8 @@ def wrong_arguments(text: str, given: Sequence[Any], named: Mapping[str, Any]) -
             found = shown(values[name])
             if kind.endswith(".SpringSystem") and type(values[name]).__name__ == "System":
                 found += "; a System has methods, such as system.solve(x) and system.solution(x).covariance(node)"
+            if kind.endswith(".Topology"):
+                found += "; Topology.full(4) links all pairs of four nodes, Topology.from_links(4, [(0, 1)]) those listed"
             return TypeError(f"{name}: expected {_expected(kind)}, found {found}")
     for name, kind in kinds.items():
         if kind == "int" and name in values and not 0 <= operator.index(values[name]) < 2**31:

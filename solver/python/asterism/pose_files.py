@@ -42,7 +42,7 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
     try:
         tables = tomllib.loads(pathlib.Path(path).read_bytes().decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{os.fspath(path)}: {error}") from None
+        raise ValueError(f"{os.fspath(path)}: not a TOML file: {error}") from None
     cameras = []
     for key, table in tables.items():
         if not isinstance(table, dict) or key == "metadata":
@@ -90,6 +90,7 @@ def read_detections(path: str | os.PathLike[str]) -> Detections:
         if len(animals) > 1:
             raise ValueError(f"{name}: expected one animal, found {len(animals)}")
     else:
+        _check_plain(rows[0], name)
         first, columns = 1, [tuple(title.rsplit("_", 1)) if "_" in title else (title, "") for title in rows[0][1:]]
     _places(columns, list(dict.fromkeys(joint for joint, _ in columns)), name)
     values = np.full((len(rows) - first, len(columns)), np.nan)
@@ -106,6 +107,21 @@ def read_detections(path: str | os.PathLike[str]) -> Detections:
     if not len(values):
         raise ValueError(f"{name}: no frames")
     return _of_columns(columns, values, [row[0] for row in rows[first:]], name)
+
+
+def _check_plain(titles: list[str], name: str) -> None:
+    """ValueError for the header line of a plain table that is none, with what it is instead."""
+    expected = "expected a header line, frame,NAME_x,NAME_y,.., or those of DeepLabCut"
+    if len(titles) == 1:
+        other = next((mark for mark in ";\t" if mark in titles[0]), None)
+        raise ValueError(f"{name}: {expected}, found {titles[0][:60]!r}" + (f"; cells are separated by commas, not by {other!r}" if other else ""))
+    if titles[0].strip().lower().endswith(("_x", "_y")):
+        raise ValueError(f"{name}: {expected}; the first column is {titles[0]!r}, where the frame is expected")
+    try:
+        float(titles[0])
+    except ValueError:
+        return
+    raise ValueError(f"{name}: {expected}, found {','.join(titles)[:60]!r}")
 
 
 class _Plain(pickle.Unpickler):
@@ -211,8 +227,9 @@ def write_points(
 ) -> None:
     """Points (T, J, 2) or (T, J, 3) as a file that read_detections reads; NaN, where a joint was not seen, becomes an empty cell.
 
-    .h5 and .hdf5: SLEAP's analysis file, of points in the image and without frames' names, with h5py (ImportError without it). Any other name: a table
-    in DeepLabCut's form. confidence: (T, J), as likelihood or point_scores. ValueError for other shapes and names that are not different.
+    .h5 and .hdf5: SLEAP's analysis file, of points in the image and without frames' names, with h5py (ImportError without it). .csv, or a name
+    without an ending: a table in DeepLabCut's form. confidence: (T, J), as likelihood or point_scores. ValueError for other endings, other shapes and
+    names that are not different.
     """
     values = inputs.numbers(points, "points", missing=np.nan)
     if values.ndim != 3 or values.shape[2] not in (2, 3):
@@ -224,7 +241,10 @@ def write_points(
     if len(titles) != len(values):
         raise ValueError(f"frames: expected {len(values)}, found {len(titles)}")
     belief = None if confidence is None else inputs.numbers(confidence, "confidence", values.shape[:2])
-    if pathlib.Path(path).suffix.lower() in (".h5", ".hdf5"):
+    suffix = pathlib.Path(path).suffix.lower()
+    if suffix not in ("", ".csv", ".h5", ".hdf5"):
+        raise ValueError(f"{os.fspath(path)}: expected a name that ends with .csv, .h5 or .hdf5")
+    if suffix in (".h5", ".hdf5"):
         _write_sleap(path, values, joints, belief)
         return
     axes = ["x", "y", "z"][: values.shape[2]]

@@ -33,7 +33,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--output", "-o", required=True, metavar="FILE", help="points: .csv in DeepLabCut's form, .h5 in SLEAP's")
     parser.add_argument("--cameras", metavar="TOML", help="aniposelib's calibration: the files are in its order, or named as its cameras are")
     parser.add_argument("--skeleton", metavar="CSV", help="two columns with the names of a limb's joints, a line each")
-    parser.add_argument("--times", metavar="FILE", help="times of the frames, a number a line; else frames are equally spaced")
+    parser.add_argument("--times", metavar="FILE", help="times of the frames, a number a line; else the numbers of the frames")
     parser.add_argument("--pairs", metavar="A:B,..", help="left and right that may be swapped; 'names' takes them from the joints' names")
     parser.add_argument("--confidence", action="store_true", help="count likelihoods as the probability that a detection is not an outlier")
     parser.add_argument("--details", metavar="CSV", help="a table with the standard deviations and outliers of every point")
@@ -62,6 +62,7 @@ def _run(options: argparse.Namespace) -> str:
     _check_outputs(options)
     views = [pose.read_detections(path) for path in options.views]
     first = views[0]
+    numbers = [_numbers(path, view.frames) for path, view in zip(options.views, views)][0]
     for path, view in zip(options.views, views):
         if view.points.shape[2] != 2:
             raise ValueError(f"{path}: has points in space, not in an image")
@@ -71,17 +72,23 @@ def _run(options: argparse.Namespace) -> str:
             raise ValueError(f"{path}: has {inputs.counted(len(view.points), 'frame')}, {options.views[0]} has {len(first.points)}")
     cameras = None if options.cameras is None else _cameras(options.cameras, options.views)
     skeleton = None if options.skeleton is None else _skeleton(options.skeleton, first.joints)
-    times = None if options.times is None else _times(options.times)
-    if times is not None and len(times) != len(first.points):
+    times = numbers if options.times is None else _times(options.times)
+    if options.times is not None and len(times) != len(first.points):
         raise ValueError(f"{options.times}: has {inputs.counted(len(times), 'time')} for {inputs.counted(len(first.points), 'frame')}")
     confidence = np.array([view.confidence for view in views]) if options.confidence else None
     pairs = _pairs(options.pairs, first.joints)
+    is_seen = np.array([np.isfinite(view.points[..., 0]) for view in views])
+    if (never := np.flatnonzero(~is_seen.any((0, 1)))).size:
+        raise ValueError(f"{', '.join(options.views)}: joint {first.joints[never[0]]} is never seen; leave its columns out")
     found = pose.fuse(np.array([view.points for view in views]), confidence, cameras, skeleton, times, pairs)
     pose.write_points(options.output, found.points, first.joints, first.frames)
     if options.details is not None:
         _write_details(options.details, found, first)
-    is_seen = np.array([np.isfinite(view.points[..., 0]) for view in views])
-    says = f"{options.output}: {inputs.counted(len(first.points), 'frame')}, {inputs.counted(len(first.joints), 'joint')}, {found.outliers.sum() / max(is_seen.sum(), 1):.1%} of the detections are outliers"
+    off = np.linalg.norm(np.array([view.points for view in views]) - found.reprojections, axis=-1)[is_seen & ~found.outliers]
+    says = (
+        f"{options.output}: {inputs.counted(len(first.points), 'frame')}, {inputs.counted(len(first.joints), 'joint')}, "
+        f"{found.outliers.sum() / max(is_seen.sum(), 1):.1%} of the detections are outliers, the others are {np.median(off):.2g} px off (median)"
+    )
     return says if not pairs else f"{says}, {found.swapped.any((0, 2)).mean():.1%} of the frames have a swapped pair"
 
 
@@ -102,6 +109,18 @@ def _check_outputs(options: argparse.Namespace) -> None:
         raise ValueError(f"--output {options.output}: expected a name that ends with .csv, .h5 or .hdf5")
 
 
+def _numbers(path: str, frames: list[str]) -> list[float] | None:
+    """The numbers of the frames, of which some may be left out; None for names. ValueError if they do not rise: such rows are no recording."""
+    try:
+        numbers = [float(frame) for frame in frames]
+    except ValueError:  # of images
+        return None
+    for before, after in zip(numbers, numbers[1:]):
+        if not before < after:
+            raise ValueError(f"{path}: expected rising frames, found {after:g} after {before:g}")
+    return numbers
+
+
 def _are_same(path: str, other: str) -> bool:
     """Whether both are names of one file, which need not be there yet."""
     return os.path.realpath(path) == os.path.realpath(other) or os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other)
@@ -115,7 +134,7 @@ def _cameras(path: str, files: list[str]) -> list[pose.Camera]:
     if all(stem in named for stem in stems):
         return [named[stem] for stem in stems]
     if len(cameras) != len(files):
-        raise ValueError(f"{path}: has {inputs.counted(len(cameras), 'camera')} for {inputs.counted(len(files), 'file')}, and the files are not named as they are")
+        raise ValueError(f"{path}: has {inputs.counted(len(cameras), 'camera')} for {inputs.counted(len(files), 'file')}, and the files are not named as they are ({', '.join(camera.name + '.csv' for camera in cameras)})")
     return cameras
 
 
@@ -144,7 +163,7 @@ def _times(path: str) -> list[float]:
         try:
             lines = [(number, line.strip()) for number, line in enumerate(file, 1) if line.strip()]
         except UnicodeDecodeError:
-            raise ValueError(f"{path}: no text") from None
+            raise ValueError(f"{path}: not a text file; expected a number a line, as numpy.savetxt writes them") from None
     times = []
     for number, line in lines:
         try:

@@ -46,7 +46,7 @@ class PositionFix:
     within: Any
     #: (M,): which ranges have a residual of the cutoff or more at x.
     outliers: npt.NDArray[np.bool_]
-    #: What the geometry cannot tell, or why nothing is proven; "" if there is nothing to say. Of a batch a list.
+    #: What the geometry cannot tell, why nothing is proven, or that no position fits the ranges; "" if there is nothing to say. Of a batch a list.
     message: Any
     _all: tuple[npt.NDArray[np.int32], _Floats, _Floats, _Floats, _Floats] = dataclasses.field(repr=False)
     _is_batch: bool = dataclasses.field(repr=False)
@@ -104,18 +104,56 @@ def locate(
     deviations = inputs.numbers(sigma, "sigma")
     if deviations.shape not in ((), (count,), given.shape):
         raise ValueError(f"sigma: expected a number or shape {(count,)} for ranges of shape {given.shape}, found {deviations.shape}")
-    if deviations.ndim < 2:
-        deviations = np.ascontiguousarray(np.broadcast_to(deviations, (count,)))
-    limit = np.inf if cutoff is None else cutoff
-    texts, proven, listed, counts, *values = _asterism._locate(places, all_ranges, deviations, within, limit, max_cells, threads)
+    of_each = np.ascontiguousarray(np.broadcast_to(deviations, (count,))) if deviations.ndim < 2 else deviations
+    limit = _limit(cutoff)
+    try:
+        texts, proven, listed, counts, *values = _asterism._locate(places, all_ranges, of_each, within, limit, max_cells, threads)
+    except ValueError:
+        _check_measured(given, deviations)
+        raise
     firsts = np.cumsum(counts) - counts
     x, covariance, energy = (value[firsts] for value in values[:3])
     with np.errstate(invalid="ignore"):
-        outliers = np.abs(np.linalg.norm(x[:, None] - places, axis=-1) - all_ranges) >= limit * deviations
+        outliers = np.abs(np.linalg.norm(x[:, None] - places, axis=-1) - all_ranges) >= limit * of_each
+    if cutoff is None and (energy > _NO_NOISE**2 * dim / 2).any():
+        heard = np.maximum((~np.isnan(all_ranges)).sum(1), 1)
+        texts = [joined(text, doubt(np.sqrt(2 * e / n), _OF_RANGES)) for text, e, n in zip(texts, energy, heard)]
     everything = (counts, *values)
     if is_batch:
         return PositionFix(x, covariance, energy, proven, listed, outliers, texts, everything, True)
     return PositionFix(x[0], covariance[0], float(energy[0]), bool(proven[0]), float(listed[0]), outliers[0], texts[0], everything, False)
+
+
+def _check_measured(ranges: _Floats, sigma: _Floats) -> None:
+    """ValueError with the value. The solver refuses the same, but knows the number of the range only."""
+    is_heard = ~np.isnan(ranges)
+    with np.errstate(invalid="ignore"):
+        inputs.check_each(ranges, "ranges", ~is_heard | (ranges >= 0) & np.isfinite(ranges), "finite numbers >= 0, or NaN where nothing was heard")
+        is_used = is_heard.any(tuple(range(ranges.ndim - sigma.ndim)))
+        inputs.check_each(sigma, "sigma", ~is_used | (sigma > 0) & np.isfinite(sigma), "finite numbers > 0")
+
+
+#: Residuals of more than so many sigma, in the root mean square, come from no noise of that size.
+_NO_NOISE = 10.0
+_OF_RANGES = "are beacons, ranges and sigma in one unit? A cutoff leaves out wrong ranges"
+
+
+def doubt(size: float, question: str) -> str:
+    """What residuals of that root mean square [sigma] say; "" where it is noise, or nothing was measured."""
+    return f"the residuals are {size:.3g} sigma (root mean square): {question}" if size > _NO_NOISE else ""
+
+
+def joined(*texts: str) -> str:
+    return "; ".join(filter(None, texts))
+
+
+def _limit(cutoff: float | None) -> float:
+    if cutoff is None:
+        return np.inf
+    found = float(inputs.numbers(cutoff, "cutoff", ()))
+    if not found > 0:
+        raise ValueError(f"cutoff: expected a number > 0, found {found}")
+    return found
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -150,7 +188,7 @@ class PathEstimate:
     scale_deviation: float
     #: Whether the descent has ended at a stationary point.
     converged: bool
-    #: What the beacons do not determine; "" if there is nothing to say.
+    #: What the beacons do not determine, or that no path fits the ranges; "" if there is nothing to say.
     message: str
 
     __repr__ = inputs.brief
@@ -208,6 +246,8 @@ def locate_path(
     places = inputs.numbers(beacons, "beacons", missing=np.nan)
     if places.ndim != 2 or places.shape[1] != 2:
         raise ValueError(f"beacons: expected shape (M, 2), found {places.shape}")
+    if (half := np.flatnonzero(np.isnan(places).sum(1) == 1)).size:
+        raise ValueError(f"beacons: row {half[0]} is {places[half[0]].tolist()}; expected finite numbers, or NaN in both where the place is unknown")
     lengths = inputs.numbers(ranges, "ranges", missing=np.nan)
     if lengths.ndim != 1:
         raise ValueError(f"ranges: expected shape (R,), found {lengths.shape}")
@@ -216,28 +256,39 @@ def locate_path(
     index = to.astype(np.int32) if np.all(np.abs(to) < 2**31) else None
     if index is None or np.any(index != to):
         raise ValueError("beacon: expected whole numbers")
+    inputs.check_each(index, "beacon", (index >= 0) & (index < len(places)), f"the number of a beacon, 0 to {len(places) - 1}")
     deviations = inputs.numbers(sigma, "sigma")
     if deviations.shape not in ((), lengths.shape):
         raise ValueError(f"sigma: expected a number or shape {lengths.shape}, found {deviations.shape}")
+    _check_measured(lengths, deviations)
     deviations = np.ascontiguousarray(np.broadcast_to(deviations, lengths.shape))
     if times is not None:
         clock = inputs.numbers(times, "times", (len(odometry) + 1,))
-        if not (np.all(np.isfinite(clock)) and np.all(np.diff(clock) > 0)):
-            raise ValueError("times: expected finite numbers that rise")
-        if not np.all((at >= clock[0]) & (at <= clock[-1])):
-            first = int(np.flatnonzero(~((at >= clock[0]) & (at <= clock[-1])))[0])
-            raise ValueError(f"pose: range {first} was measured before the first or after the last of the times")
+        inputs.check_each(clock, "times", np.isfinite(clock), "finite numbers")
+        if (falls := np.flatnonzero(~(np.diff(clock) > 0))).size:
+            raise ValueError(f"times: expected rising numbers, found {clock[falls[0]]} before {clock[falls[0] + 1]} at pose {falls[0] + 1}")
+        inputs.check_each(at, "pose", (at >= clock[0]) & (at <= clock[-1]), f"the time of each range, {clock[0]} to {clock[-1]} as the times are")
         at = np.interp(at, clock, np.arange(len(clock), dtype=float))
+    else:
+        inputs.check_each(at, "pose", (at >= 0) & (at <= len(odometry)), f"the number of a pose, 0 to {len(odometry)}")
     first_pose = inputs.numbers([np.nan] * 3 if start is None else start, "start", (3,))
     if start is not None and not np.all(np.isfinite(first_pose)):
         raise ValueError("start: expected finite numbers")
     spread = inputs.numbers([np.inf] * 2 if start_sigma is None else start_sigma, "start_sigma", (2,))
     turn, least = (0.0 if value is None else inputs.positive(value, name) for name, value in (("turn_sigma", turn_sigma), ("shortest", shortest)))
-    limit = np.inf if cutoff is None else cutoff
+    limit = _limit(cutoff)
     found = _asterism._locate_path(
         odometry, places, at, index, lengths, deviations, limit, turn, step_sigma, scale_sigma, least, list(first_pose),
         list(spread), lower_bound, max_iterations,
     )
+    residuals = found["residuals"]
     with np.errstate(invalid="ignore"):
-        outliers = np.abs(found["residuals"]) >= limit
+        outliers = np.abs(residuals) >= limit
+    turns = np.abs(odometry[:, 2])
+    if (turns > 2 * np.pi).any():
+        found["message"] = joined(found["message"], f"step {turns.argmax()} turns by {odometry[turns.argmax(), 2]:.3g}: are turns in radians?")
+    heard = residuals[~np.isnan(residuals)]
+    if cutoff is None and heard.size:
+        question = "are steps, beacons, ranges and sigma in one unit? A cutoff leaves out wrong ranges"
+        found["message"] = joined(found["message"], doubt(float(np.sqrt(np.mean(heard**2))), question))
     return PathEstimate(outliers=outliers, **found)

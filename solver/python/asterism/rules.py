@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Iterable
+from typing import Any, Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -98,6 +98,8 @@ class Rules:
         self.groups = np.empty(0, dtype=np.int64)
         if groups is not None:
             self.groups = np.full(n, -1, dtype=np.int64)
+            if isinstance(groups, Mapping):
+                raise TypeError(f"groups: expected a list of lists of nodes, found {type(groups).__name__}; of a dict from name to nodes, give list(groups.values())")
             for number, group in enumerate(_listed(groups, "groups", "lists of nodes")):
                 members = self._numbers(group, f"groups: group {number}")
                 if (self.groups[members] >= 0).any():

@@ -6,6 +6,7 @@ import concurrent.futures
 import dataclasses
 import inspect
 import sys
+import warnings
 from typing import Any, Callable
 
 import numpy as np
@@ -316,6 +317,11 @@ class MDS:
         if self.dissimilarity == "euclidean":
             self._fitted_features = features = _features(X)
             n = len(features)
+            if n > 2 and features.shape[1] == n and not np.diagonal(features).any() and (features >= 0).all() and np.array_equal(features, features.T):
+                warnings.warn(
+                    "X: a symmetric matrix with 0 on its diagonal, whose rows are taken as points; if these are distances, use dissimilarity='precomputed'",
+                    stacklevel=3,
+                )
             i, j = np.triu_indices(n, 1)
             pairs, lengths = np.column_stack([i, j]), _asterism._distances(features, features, self._threads())[i, j]
         else:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import embedding, inputs
-from .ranges import locate
+from .ranges import doubt, joined, locate
 
 _Floats = npt.NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class Survey:
     residuals: _Floats
     #: (N, N): which residuals are as large as the cutoff or larger; none without one.
     outliers: npt.NDArray[np.bool_]
-    #: What else the ranges cannot tell; "" if nothing.
+    #: What else the ranges cannot tell, or that no places fit them; "" if nothing.
     message: str
 
     __repr__ = inputs.brief
@@ -75,11 +75,11 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
     if deviation.shape not in ((), given.shape):
         raise ValueError(f"sigma: expected a number or shape {given.shape}, found {deviation.shape}")
     is_measured = ~np.isnan(given) & ~np.eye(count, dtype=bool)
-    heard, spread = given[is_measured], np.broadcast_to(deviation, given.shape)[is_measured]
-    if not ((heard >= 0) & np.isfinite(heard)).all():
-        raise ValueError("ranges: expected finite numbers >= 0, or NaN")
-    if not ((spread > 0) & np.isfinite(spread)).all():
-        raise ValueError("sigma: expected finite numbers > 0")
+    spread = np.broadcast_to(deviation, given.shape)[is_measured]
+    with np.errstate(invalid="ignore"):
+        inputs.check_each(given, "ranges", ~is_measured | ((given >= 0) & np.isfinite(given)), "finite numbers >= 0, or NaN where none was measured")
+        is_needed = is_measured if deviation.ndim else is_measured.any()
+        inputs.check_each(deviation, "sigma", ~is_needed | ((deviation > 0) & np.isfinite(deviation)), "finite numbers > 0")
     measured = np.zeros_like(given)
     measured[is_measured] = _weights(spread, "sigma")
     both = is_measured & is_measured.T
@@ -124,6 +124,9 @@ def survey(ranges: npt.ArrayLike, sigma: npt.ArrayLike = 1.0, *, bias: float = 0
             break
         trust = np.where(is_outlier, 0.0, 1.0)
     covariance, bias_sigma, message = network.uncertainty(x, inverse)
+    if cutoff is None:
+        size = float(np.sqrt(np.mean(residuals[is_measured] ** 2)))
+        message = joined(message, doubt(size, "are ranges and sigma in one unit? A cutoff leaves out wrong ranges, and a bias explains constant errors"))
     energy = network.energy(x, added) + (measured * np.square(deviation))[trust == 0].sum() * min(limit, 1e150) ** 2 / 2
     residuals[~is_measured] = np.nan
     lower_bound = placed.lower_bound / 2 if is_proof else 0.0
