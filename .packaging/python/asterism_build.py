@@ -3,6 +3,7 @@
 CMAKE_ARGS in the environment has further arguments for CMake, such as -DASTERISM_WITH_PARTS=OFF.
 """
 
+import importlib.util
 import os
 import pathlib
 import re
@@ -47,8 +48,22 @@ class CMakeBuild(build_ext):
         shutil.copytree(build / "installed/asterism", package, dirs_exist_ok=True)
 
 
+def require_wheel():
+    """Exits with the package that is missing: setuptools says only that a command is invalid."""
+    if not importlib.util.find_spec("wheel") and not importlib.util.find_spec("setuptools.command.bdist_wheel"):
+        sys.exit(f"asterism: {sys.executable} has no package wheel, which --no-build-isolation needs (Debian package python3-wheel)")
+
+
 class Backend(build_meta._BuildMetaBackend):
     """The back end of setuptools, configured here rather than by a script at the root."""
+
+    def prepare_metadata_for_build_wheel(self, *arguments, **named):
+        require_wheel()
+        return super().prepare_metadata_for_build_wheel(*arguments, **named)
+
+    def build_wheel(self, *arguments, **named):
+        require_wheel()
+        return super().build_wheel(*arguments, **named)
 
     def run_setup(self, setup_script="setup.py"):
         manifest_maker.template = os.path.relpath(FOLDER / "MANIFEST.in", SOURCE)

@@ -150,6 +150,7 @@ class RunCommand {
                  tally.kept);
     if (tally.failed > 0)
       std::fprintf(stderr, "; trackers threw in %zu: *_errors.log beside their results", tally.failed);
+    if (!tally.interrupted) std::fprintf(stderr, "; asterism-eval report %s scores them", folder_.c_str());
     std::fprintf(stderr, "\n");
     record_unreadable(campaign, tally.unreadable);
     for (const std::string& line : unreadable_lines(tally.unreadable))
@@ -205,9 +206,10 @@ class ReportCommand {
     Campaign campaign = read_campaign(folder_, dataset_);
     if (!only_.empty()) keep_sequences(campaign);
     const Analysis analysis = analyse(campaign, options);
-    write_report(campaign, analysis, out_.empty() ? std::filesystem::path(folder_) / "report" : out_,
-                 options_);
+    const std::filesystem::path out = out_.empty() ? std::filesystem::path(folder_) / "report" : out_;
+    write_report(campaign, analysis, out, options_);
     std::printf("%s", summary_text(analysis).c_str());
+    std::fprintf(stderr, "%s has plots and intervals\n", (out / "report.html").c_str());
     for (const std::string& line : analysis.left_out) std::fprintf(stderr, "%s\n", line.c_str());
     return 0;
   }

@@ -102,7 +102,7 @@ class Search {
         names.push_back(name_of(entry));
     }
     if (!names.empty())
-      notes.push_back(folder.string() + ": no sequence in a known layout, and left out: " + listed(names));
+      notes.push_back(folder.string() + ": left out, as no sequence in a known layout: " + listed(names));
   }
 
   Layout wanted_;
@@ -187,7 +187,7 @@ Dataset open_dataset(const fs::path& path, Layout layout, const std::vector<std:
                    detail::near_name(detail::letters_of(*missing), known, detail::letters_of));
   }
   if (dataset.sequences.empty())
-    fail(path, "no annotated sequence" +
+    fail(path, "no annotated sequence, such as a folder with images and groundtruth.txt" +
                    (dataset.notes.empty() ? std::string() : " (" + dataset.notes.front() + ")"));
   for (std::string& note : dataset.notes) note = printable(note);
   return dataset;

@@ -51,8 +51,10 @@ py::array real_numbers(const py::object& object, const std::string& name) {
   if (array && std::string_view("biuf").find(array.dtype().kind()) != std::string_view::npos) return array;
   PyErr_Clear();
   const bool says_no_more = !py::isinstance<py::array>(object) && (!array || array.dtype().kind() == 'O');
+  const bool is_convertible = array && array.dtype().kind() == 'O' && py::hasattr(object, "astype");
   throw py::type_error(name + ": expected numbers, found " +
-                       (says_no_more ? type_name(object) : py::str(array.dtype()).cast<std::string>()));
+                       (says_no_more ? type_name(object) : py::str(array.dtype()).cast<std::string>()) +
+                       (is_convertible ? "; convert it, such as by .astype(float)" : ""));
 }
 
 py::array_t<double> numbers(const py::object& object, const char* name) {

@@ -12,6 +12,7 @@
 
 #include "bindings.hpp"
 #include "pickling.hpp"
+#include "refusal.hpp"
 #include "solving.hpp"
 
 namespace asterism::python {
@@ -61,6 +62,8 @@ class Solver {
           run(solver<Dim>(), s, points, on_iteration, may_be_long(s.link_count(), most_rounds_),
               [&] { return same_values(s, *given); });
       if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
+      if (check && summary.status == Status::InvalidInput)
+        refuse_value(summary.message, py::cast(&system, py::return_value_policy::reference), x, options());
       return checked(summary, check);
     });
   }

@@ -11,9 +11,11 @@
 #include <asterism/solver/terms/solution.hpp>
 #include <asterism/solver/terms/solve.hpp>
 #include <asterism/solver/terms/system.hpp>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <numbers>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -23,6 +25,7 @@
 #include "bindings.hpp"
 #include "interrupts.hpp"
 #include "pickling.hpp"
+#include "refusal.hpp"
 #include "solving.hpp"
 #include "term_system.hpp"
 
@@ -109,6 +112,16 @@ void require_range(const MatrixXd& values, Column::Range range, const std::strin
                                                                  : "finite numbers > 0";
     throw py::value_error(name + ": expected " + expected + ", found " + number_text(value) +
                           (values.cols() > 1 ? " for element " + std::to_string(k / values.rows()) : ""));
+  }
+}
+
+/// ValueError for angles at rest over a full turn, which are degrees.
+void require_radians(const py::object& angles) {
+  const auto array = numbers(angles, "angles");
+  for (py::ssize_t k = 0; k < array.size(); ++k) {
+    const double angle = array.data()[k];
+    if (detail::is_finite(angle) && std::abs(angle) > 2 * std::numbers::pi)
+      throw py::value_error("angles: expected radians, from 0 to pi, found " + number_text(angle));
   }
 }
 
@@ -989,6 +1002,8 @@ void bind_system(py::module_& m) {
     return [kind](TermSystem& self, const py::object& triples, const py::object& rest,
                   const py::object& stiffness, const std::string& loss, const py::object& scale,
                   const py::object& sharpness) {
+      const std::string_view name = kind;
+      if (name == "angles") require_radians(rest);
       return add_term(self, kind, nodes_of(triples, "triples", 3, self.system().nodes()),
                       {{"rest", kind, rest}, {"stiffness", "stiffness", stiffness}},
                       {loss, scale, sharpness});
@@ -1081,6 +1096,8 @@ void bind_system(py::module_& m) {
               return run(solver, system, points, on_iteration, is_long, [] { return true; });
             });
             if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
+            if (check && summary.status == Status::InvalidInput)
+              refuse_value(summary.message, py::none(), x, options_of(solver));
             return checked(summary, check);
           },
           py::arg("x"), py::arg("method") = "auto", py::arg("on_iteration") = py::none(),

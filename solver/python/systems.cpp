@@ -22,6 +22,7 @@
 #include "bindings.hpp"
 #include "interrupts.hpp"
 #include "pickling.hpp"
+#include "refusal.hpp"
 
 namespace asterism::python {
 
@@ -138,7 +139,8 @@ template <typename F>
 auto evaluated(AnySystem& self, const py::object& x, F&& f) {
   return self.visit([&]<int Dim>(System<Dim>& system) {
     const auto points = points_of<Dim>(system, x);
-    require_valid(detail::validate_values(system, points));
+    if (const Defect defect = detail::validate_values(system, points))
+      refuse_value(Message(defect), py::cast(&self, py::return_value_policy::reference), x);
     return self.without_gil([&] { return f(system, points); });
   });
 }
@@ -212,7 +214,15 @@ void bind_systems(py::module_& m) {
       .def_static(
           "from_links",
           [](int nodes, const py::object& links) {
-            return valid(Topology<>::from_links(nodes, links_of(links)));
+            const auto topology = Topology<>::from_links(nodes, links_of(links));
+            const Defect& defect = topology.defect();
+            if (defect && defect.index >= 0 && nodes >= 0) {  // with the pair, of numbers of any size
+              const py::object pair = py::array(py::array::ensure(links))[py::int_(defect.index)];
+              throw py::value_error(std::string(Message(defect)) + ": " +
+                                    py::str(pair.attr("tolist")()).cast<std::string>() + ", of " +
+                                    detail::counted(nodes, "node"));
+            }
+            return valid(topology);
           },
           py::arg("nodes").noconvert(), py::arg("links"),
           "The given links: pairs of nodes, or an array (L, 2).")

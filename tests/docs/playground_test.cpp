@@ -155,7 +155,7 @@ TEST_P(Playground, BadInputIsAStatusWithAMessage) {
   const int ends[] = {0, 1, 1, 7};
   asterism_playground* const p = asterism_playground_new(dim(), 3, 2, ends);
   EXPECT_EQ(asterism_playground_solve(p, 3, 1e-8, 100), static_cast<int>(Status::InvalidInput));
-  EXPECT_STREQ(asterism_playground_message(p), "links: element 1 has a node out of range");
+  EXPECT_STREQ(asterism_playground_message(p), "links: element 1 has a node out of range: 7 of 3 nodes");
   asterism_playground_delete(p);
 
   Problem problem = some_problem(dim(), 3);

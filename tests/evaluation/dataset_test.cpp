@@ -343,7 +343,7 @@ TEST_F(DatasetTest, WhatIsNotTakenIsListed) {
   write("data/readme.md", "");
   EXPECT_EQ(open("data").size(), 1u);
   expect_note({"GOPR0001.MP4: a video without GOPR0001.txt beside it"});
-  expect_note({"data: no sequence in a known layout", "readme.md", "walk"});
+  expect_note({"data: left out, as no sequence in a known layout", "readme.md", "walk"});
   fs::create_directories(root_ / "data/other/list.txt");
   open("data");
   expect_note({"other/list.txt: not a file"});
@@ -392,7 +392,7 @@ TEST_F(DatasetTest, ReadsTrackingNet) {
   EXPECT_EQ(sequences[0].name, "x_1");
   EXPECT_TRUE(sequences[0].truth[0] && !sequences[0].truth[2]);
   EXPECT_EQ(sequences[1].images[10].filename(), "10.png");
-  expect_note({"frames: no sequence in a known layout", "x_2"});
+  expect_note({"frames: left out, as no sequence in a known layout", "x_2"});
   EXPECT_EQ(open("net/TRAIN_0/frames/aB_c-0").size(), 1u);
 }
 

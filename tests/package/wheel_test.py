@@ -40,6 +40,18 @@ missing = [name for name in ("pip", "setuptools", "wheel") if not importlib.util
 if missing:
     print("not installed:", *missing)
     sys.exit(77)
+
+# What `pip wheel` says where the package wheel is missing.
+HIDDEN = """
+import importlib.util, sys
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name in ("wheel", "setuptools.command.bdist_wheel") else find(name, *rest)
+import asterism_build
+asterism_build.require_wheel()
+"""
+hidden = subprocess.run([sys.executable, "-c", HIDDEN], cwd=ROOT / ".packaging/python", capture_output=True, text=True)
+assert hidden.returncode == 1 and "has no package wheel" in hidden.stderr.splitlines()[-1], hidden.stderr
+
 with tempfile.TemporaryDirectory() as name:
     folder = pathlib.Path(name)
     project = folder / "project"  # pip writes into the project

@@ -70,7 +70,7 @@ class TopologyTest(unittest.TestCase):
 
     def test_refuses_what_is_no_topology(self):
         for links, error, message in [
-            ([(0, 9)], ValueError, "link 0 has an end that is out of range"),
+            ([(0, 9)], ValueError, r"link 0 has an end that is out of range: \[0, 9\], of . nodes"),
             ([(0, 1), (2, 2)], ValueError, "link 1 joins a node to itself"),
             ([(0, 2**40)], ValueError, "link 0 has an end that is out of range"),
             ([(0, 1, 2)], ValueError, r"shape \(count, 2\), found \(1, 3\)"),
@@ -463,10 +463,10 @@ class SolveTest(unittest.TestCase):
                 getattr(springs, array)[:] = value
             self.assertTrue(solve())
         for message, call in {
-            "x of node 0 is not finite": lambda: asterism.solve(springs, nan),
+            r"x: expected finite numbers, found \[nan, nan\] at \[0\]": lambda: asterism.solve(springs, nan),
             "tolerance": lambda: asterism.solve(springs, x, tolerance=-1.0),
             "x shares memory": lambda: asterism.solve(springs, springs.anchors),
-            "^x of node 0 is not finite": lambda: terms.solve(nan),
+            r"^x: expected finite numbers, found \[nan, nan\] at \[0\]": lambda: terms.solve(nan),
         }.items():
             with self.subTest(message), self.assertRaisesRegex(ValueError, message):
                 call()
@@ -503,6 +503,37 @@ class SolveTest(unittest.TestCase):
         self.assertFalse(summary.usable)
         np.testing.assert_array_equal(x, start)
         self.assertEqual(asterism.solve(*random_system(), tolerance=-1.0, check=False).status, asterism.Status.INVALID_INPUT)
+
+    def test_a_refused_value_is_shown(self):
+        for change, message in [
+            ({"anchor_stiffness": [1, -2, 1, 1]}, r"anchor_stiffness: expected finite numbers >= 0, found -2.0 at \[1\]"),
+            ({"rest_length": [1, 1, 1, 1, 1, np.inf]}, r"rest_length: expected finite numbers >= 0, found inf at \[5\]"),
+            ({"link_stiffness": [1, 1, -1, 1, 1, 1]}, r"link_stiffness: expected finite numbers >= 0, found -1.0 at \[2\]"),
+            ({"anchors": [[0, 0], [1, 0], [0, np.inf], [1, 1]]}, r"anchors: expected finite numbers, found \[0.0, inf\] at \[2\]"),
+            ({"loads": [[0, 0], [1, 0], [0, 1], [np.nan, 1]]}, r"loads: expected finite numbers, found \[nan, 1.0\] at \[3\]"),
+        ]:
+            system = asterism.SpringSystem(asterism.Topology.full(4))
+            system.anchors, system.anchor_stiffness, system.rest_length, system.link_stiffness = 0, 1, 1, 1
+            x = np.arange(8.0).reshape(4, 2)
+            for name, values in change.items():
+                setattr(system, name, values)
+            for call in (asterism.solve, asterism.energy):
+                with self.subTest(message, call=call), self.assertRaisesRegex(ValueError, f"^{message}$"):
+                    call(system, x)
+        system = asterism.System(2)
+        system.add_anchors([[0, 0], [1, 1]], 1)
+        for solve in (system.solve, lambda x, *rest, **options: asterism.solve(random_system()[0], random_system()[1], *rest, **options)):
+            for options, message in [
+                ({"tolerance": -1}, "option tolerance is negative or not finite, found -1.0"),
+                ({"method": "multi-start", "starts": 0}, "option starts is not positive, found 0"),
+                ({"method": "ida", "relaxation": 3}, "option relaxation is not between 0 and 2, found 3.0"),
+            ]:
+                with self.subTest(message), self.assertRaisesRegex(ValueError, f"^{message}$"):
+                    solve(np.zeros((2, 2)), **options)
+        with self.assertRaisesRegex(ValueError, r"^x: expected finite numbers, found \[nan, nan\] at \[0\]$"):
+            system.solve(np.full((2, 2), np.nan))
+        with self.assertRaisesRegex(ValueError, "option starts is not positive, found 0"):
+            asterism.mds(np.ones((3, 3)), starts=0)
 
     def test_x_in_the_systems_memory_is_refused(self):
         for dim in (2, 3):

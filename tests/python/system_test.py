@@ -846,6 +846,7 @@ BAD = [
     ("add_differences", [TRIPLES], {"coefficients": (1, [1, 2], 1)}, ValueError, r"coefficients\[1\]: expected shape"),
     ("add_differences", [TRIPLES], {"target": "zero"}, TypeError, "target: expected numbers"),
     ("add_angles", [TRIPLES, np.nan], {}, ValueError, "angles: expected finite numbers, found nan"),
+    ("add_angles", [TRIPLES, 90], {}, ValueError, "angles: expected radians, from 0 to pi, found 90.0"),
     ("add_areas", [TRIPLES, [1, 2]], {}, ValueError, "areas: expected shape"),
     ("add_loads", [POINTS + np.inf], {}, ValueError, "forces: expected finite numbers, found inf"),
     ("add_common_length", [PAIRS], {"prior_stiffness": -1}, ValueError, "prior_stiffness: expected finite numbers >= 0"),

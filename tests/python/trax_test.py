@@ -209,6 +209,7 @@ class TraxTest(unittest.TestCase):
         for lines, error in {
             "class T: pass\nasterism.evaluate(T, 'data')": "ValueError: evaluate: the class T has no function 'init'",
             "from still import Still\nclass T(Still): pass\nasterism.evaluate(T, 'data', protocol='otb')": "RuntimeError: evaluate: called while the file of its class is loaded",
+            "from still import Still\nasterism.evaluate([Still()], 'data')": "ValueError: evaluate: expected a class, .*, found an instance: give Still itself",
             "asterism.evaluate(lambda: None, 'data')": "ValueError: evaluate: <lambda> has no name at the top level",
             "asterism.evaluate(['kcf', 'kcf'], 'data')": "ValueError: evaluate: two trackers with the name 'kcf'",
             "asterism.evaluate('kcf', 'data', nothing=3)": "RuntimeError: .*--nothing",

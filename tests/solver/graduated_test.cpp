@@ -112,7 +112,7 @@ TEST(Graduated, RefusesBadInput) {
   const Summary summary = solve("graduated", test.system, x);
   EXPECT_EQ(summary.status, Status::InvalidInput);
   EXPECT_EQ(std::string(std::string_view(summary.message)),
-            "anchors: stiffness of element 0 is negative or not finite");
+            "anchors: stiffness of element 0 is negative or not finite: -1");
   EXPECT_EQ(x, test.seen);
   anchors.values("stiffness")(0) = 1;
   anchors.values("sharpness")(0) = 0;

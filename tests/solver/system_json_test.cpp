@@ -198,7 +198,7 @@ TEST(SystemJson, NamesWhatIsWrong) {
       {R"("length": [1, 1.5])", R"("length": [1, [2]])",
        "terms[1]: length[1]: expected a number, found array"},
       {R"("length": [1, 1.5])", R"("length": [1, -1.5])",
-       "terms[1]: links: length of element 1 is negative or not finite"},
+       "terms[1]: links: length of element 1 is negative or not finite: -1.5"},
       {R"("length": [1, 1.5])", R"("length": [1, 1e999])", "number overflow parsing '1e999'"},
       {R"("length": [1, 1.5])", R"("length": [1, 1e-400])", "number underflow parsing '1e-400'"},
       {R"("length": [1, 1.5], )", "", "terms[1]: length is missing"},
@@ -259,7 +259,7 @@ TEST(SystemJson, RefusesWhatCannotBeStored) {
             "the system cannot be written: x of node 0 is not finite");
   Links& links = system.add_links(all_pairs(2), System::all(1), System::all(-1));
   EXPECT_EQ(error(system, start),
-            "the system cannot be written: links: stiffness of element 0 is negative or not finite");
+            "the system cannot be written: links: stiffness of element 0 is negative or not finite: -1");
   links.values("stiffness").setOnes();
   EXPECT_EQ(error(system, start), "(none)");
   links.set_function([](std::size_t, const double*, const double*, double*, double*, double*) {});

@@ -1526,16 +1526,16 @@ INSTANTIATE_TEST_SUITE_P(
         BadInput{"nan_position", [](System& s, MatrixXd&) { s.term(0).values("position")(1, 2) = NAN; },
                  "position of element 2 is not finite"},
         BadInput{"negative_stiffness", [](System& s, MatrixXd&) { s.term(1).values("stiffness")(0, 0) = -1; },
-                 "links: stiffness of element 0 is negative"},
+                 "links: stiffness of element 0 is negative or not finite: -1"},
         BadInput{"wrong_count", [](System& s, MatrixXd&) { s.term(1).values("length").resize(1, 2); },
-                 "length must have one entry for each element"},
+                 "length must have one entry for each element, or one for all: 2 of "},
         BadInput{"node_out_of_range",
                  [](System& s, MatrixXd&) {
                    Eigen::MatrixXi nodes = s.term(1).nodes();
                    nodes(1, 3) = 17;
                    s.term(1).set_nodes(nodes);
                  },
-                 "element 3 has a node out of range"},
+                 "element 3 has a node out of range: 17 of "},
         BadInput{"self_link",
                  [](System& s, MatrixXd&) {
                    Eigen::MatrixXi nodes = s.term(1).nodes();

@@ -389,7 +389,7 @@ TEST(TurningOffsets, RefuseWhatTheyCannotTake) {
   says("option gap: no lower bound is known for offsets that turn");
   turning.options.gap = 0;
   system.anchors(0, 1) = std::numeric_limits<double>::quiet_NaN();
-  says("anchors: position of element 1 is not finite");
+  says("anchors: position of element 1 is not finite: nan");
   system.anchors = start;
   asterism::System terms = to_system(system);
   Eigen::MatrixXd& anchors = terms.term(0).values("position");

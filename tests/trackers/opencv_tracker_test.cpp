@@ -84,7 +84,7 @@ TEST(OpenCvTracker, ReportsErrorsAsOpenCvDoes) {
   EXPECT_EQ(text([&] {
               tracker->init(draw_frame(0), {1000, 0, 30, 30});
             }),
-            "the start box lies outside the image");
+            "the start box, 30 x 30 px at (1000, 0), lies outside the image of 320 x 240 px");
   EXPECT_NE(text([&] { tracker->init(cv::Mat(), {0, 0, 30, 30}); }), "nothing was thrown");
   EXPECT_THROW(OpenCvTracker::create("no-such-tracker"), std::invalid_argument);
 }

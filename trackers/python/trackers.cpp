@@ -6,6 +6,7 @@
 #ifdef ASTERISM_PYTHON_PARTS
 #include <asterism/parts/concept/part_registry.hpp>
 #endif
+#include <asterism/solver/base/counted.hpp>
 #include <asterism/trackers/around/smooth_track.hpp>
 #include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
@@ -30,7 +31,11 @@ namespace {
 /// The image's pixels without a copy if those of each row are contiguous; otherwise `copy` holds them.
 cv::Mat mat_of(const py::object& image, py::array& copy) {
   if (!py::isinstance<py::array>(image)) {
-    throw py::type_error("image: expected a NumPy array, found " + type_name(image));
+    const char* hint = image.is_none() ? "; cv2.imread returns None for a file that it cannot read"
+                       : py::hasattr(image, "getbands")  // Pillow's
+                           ? "; numpy.asarray makes one of it, of which [..., ::-1] has blue first"
+                           : py::isinstance<py::str>(image) ? "; cv2.imread reads one from a file" : "";
+    throw py::type_error("image: expected a NumPy array, found " + type_name(image) + hint);
   }
   py::array array = unmasked(image, "image");
   const int depth = py::isinstance<py::array_t<std::uint8_t>>(array)    ? CV_8U
@@ -609,7 +614,10 @@ void bind_trackers(py::module_& m) {
            py::arg("pixel_range") = py::none(),
            "threads: 0 for as many as the machine runs at once. pixel_range: as for Tracker.")
       .def("remove", &Objects::remove, py::arg("id").noconvert(), "False if there is no object of that id.")
-      .def("__len__", &Objects::size);
+      .def("__len__", &Objects::size)
+      .def("__repr__", [](const Objects& self) {
+        return "<asterism.MultiTracker: " + detail::counted(static_cast<int>(self.size()), "object") + ">";
+      });
   py::options options;
   options.disable_function_signatures();
   objects

@@ -300,6 +300,12 @@ void print_summary(const Options& options, const Score& score) {
     std::fprintf(stderr, ", mean overlap %.3f in %s", score.overlaps / score.compared,
                  detail::counted(score.compared, "frame").c_str());
   }
+  const auto is_named = [](const std::string* name) { return !name->empty(); };
+  const auto files = {&options.out,     &options.save,     &options.sheet,
+                      &options.systems, &options.timeline, &options.constellation};
+  if (!options.show && std::ranges::none_of(files, is_named))
+    std::fputs("; --out boxes.csv writes the boxes, --save overlay.mp4 a video, --show opens a window",
+               stderr);
   std::fputc('\n', stderr);
 }
 

@@ -774,7 +774,7 @@ def _draw(
     if summary.status == _asterism.Status.OUT_OF_MEMORY:
         raise MemoryError(f"{summary.solver}: {summary.message}")
     if not summary:
-        raise ValueError(f"{summary.solver}: {summary.message}")
+        raise ValueError(f"{summary.solver}: {names.with_value(summary.message, None, None, options)}")
     stress = 2 * summary.final_energy
     if not (np.isfinite(stress) and np.isfinite(x).all()):
         raise ValueError(f"lengths of up to {edges.unit}: another unit is needed, as the stress would leave the range of float64")
@@ -883,7 +883,7 @@ def embed(
         x[exact] = at[exact]
         summary = _asterism.solve(system, x, method, hold_floating=True, **how)
         if not summary:
-            raise ValueError(summary.message)
+            raise ValueError(names.with_value(summary.message, None, None, options))
         solved.append((summary, x))
     summary, x = min(solved, key=lambda each: each[0].final_energy)
     x = _side_by_side(x, components, hold)

@@ -93,6 +93,8 @@ def _command(tracker: Callable[[], Any]) -> str:
     for function in ("init", "update"):
         if isinstance(tracker, type) and not callable(getattr(tracker, function, None)):
             raise ValueError(f"evaluate: the class {tracker.__name__} has no function '{function}'")
+    if not isinstance(tracker, type) and callable(getattr(tracker, "init", None)):
+        raise ValueError(f"evaluate: expected a class, which is made anew for each sequence, found an instance: give {type(tracker).__name__} itself")
     name, module = getattr(tracker, "__qualname__", ""), getattr(tracker, "__module__", "")
     if not name.isidentifier():
         raise ValueError(f"evaluate: {name or shown(tracker)} has no name at the top level of a module, by which other processes find it")

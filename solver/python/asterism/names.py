@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["no_attribute", "no_option", "shown", "wrong_arguments"]
+__all__ = ["no_attribute", "no_option", "shown", "with_value", "wrong_arguments"]
 
 
 def _plain(name: str) -> str:
@@ -139,6 +139,26 @@ def no_attribute(name: str, known: Sequence[str]) -> str:
         return f"{start}: here it is '{ours}'"
     near = difflib.get_close_matches(name, known, 1)
     return start + (f", did you mean '{near[0]}'?" if near else "")
+
+
+# What the library's messages call the arrays of a SpringSystem.
+_ARRAYS = {
+    "anchor": "anchors", "anchor stiffness": "anchor_stiffness", "rest length": "rest_length", "link stiffness": "link_stiffness",
+    "rest offset": "rest_offset", "load": "loads", "x of node": "x",
+}
+_EXPECTED = {"is not finite": "finite numbers", "is negative or not finite": "finite numbers >= 0"}
+
+
+def with_value(message: str, system: Any, x: Any, options: Mapping[str, Any]) -> str:
+    """The library's message with the value that it speaks of: of an option, or of an entry of an array of the system or of x."""
+    if (option := re.match(r"option (\w+) ", message)) and option[1] in options:
+        return f"{message}, found {options[option[1]]}"
+    entry = re.fullmatch(r"([a-z ]+) (\d+) (is .*)", message)
+    if entry is None or entry[1] not in _ARRAYS or entry[3] not in _EXPECTED or (system is None and entry[1] != "x of node"):
+        return message
+    name, index = _ARRAYS[entry[1]], int(entry[2])
+    value = (x if name == "x" else getattr(system, name))[index]
+    return f"{name}: expected {_EXPECTED[entry[3]]}, found {value.tolist() if hasattr(value, 'tolist') else value} at [{index}]"
 
 
 # What pybind11 calls the types of parameters, in words.

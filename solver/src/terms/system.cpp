@@ -97,8 +97,10 @@ T& filled(System& system, T term, const Eigen::MatrixXi& nodes,
   term.set_nodes(nodes);
   for (const auto& [name, values] : columns) {
     if (values.cols() != nodes.cols() && values.cols() != 1)
-      raise(std::invalid_argument(std::string(term.kind()) + ": " + name +
-                                  " must have one entry for each element, or one for all"));
+      raise(std::invalid_argument(
+          std::string(term.kind()) + ": " + name +
+          " must have one entry for each element, or one for all: " + std::to_string(values.cols()) + " of " +
+          detail::counted(static_cast<int>(nodes.cols()), "element")));
     term.values(name) = values;
   }
   return system.add(std::move(term));

@@ -6,6 +6,7 @@
 #include <asterism/solver/terms/term.hpp>
 #include <cmath>
 #include <cstdint>
+#include <sstream>
 #include <stdexcept>
 #include <utility>
 
@@ -30,6 +31,12 @@ bool is_allowed(double value, Column::Range range) {
   if (!detail::is_finite(value)) return false;
   if (range == Column::Range::NotNegative) return value >= 0;
   return range == Column::Range::Any || value > 0;
+}
+
+std::string number_text(double value) {
+  std::ostringstream text;
+  text << value;
+  return text.str();
 }
 
 const char* problem_of(Column::Range range) {
@@ -106,8 +113,11 @@ const Eigen::MatrixXd& Term::values(std::string_view column) const { return colu
 Choice& Term::find_choice(std::string_view name) {
   const auto at = std::find_if(choices_.begin(), choices_.end(),
                                [name](const Choice& choice) { return choice.name == name; });
-  if (at == choices_.end())
-    raise(std::invalid_argument(std::string(kind_) + " have no choice of " + std::string(name)));
+  if (at == choices_.end()) {
+    std::vector<std::string_view> names;
+    for (const Choice& choice : choices_) names.push_back(choice.name);
+    raise(std::invalid_argument(std::string(kind_) + ": " + unknown("choice", name, names)));
+  }
   return *at;
 }
 
@@ -230,7 +240,8 @@ std::string Term::defect(int node_count) const {
   for (int e = 0; e < size(); ++e) {
     for (int a = 0; a < arity(); ++a) {
       if (nodes_(a, e) < 0 || nodes_(a, e) >= node_count)
-        return says("element ", std::to_string(e), " has a node out of range");
+        return says("element ", std::to_string(e), " has a node out of range: ", std::to_string(nodes_(a, e)),
+                    " of ", detail::counted(node_count, "node"));
       for (int b = 0; b < a; ++b) {
         if (nodes_(a, e) == nodes_(b, e)) return says("element ", std::to_string(e), " has one node twice");
       }
@@ -243,12 +254,15 @@ std::string Term::defect(int node_count) const {
     if (values.rows() != column.rows && !(column.other_rows > 0 && values.rows() == column.other_rows))
       return says(name, " must have ", detail::counted(column.rows, "number"), " for each element");
     if (values.cols() != size() && values.cols() != 1)
-      return says(name, " must have one entry for each element, or one for all");
+      return says(name,
+                  " must have one entry for each element, or one for all: ", std::to_string(values.cols()),
+                  " of ", detail::counted(size(), "element"));
     if (column.is_common && values.cols() != 1) return says(name, " must be the same for all elements");
     for (Eigen::Index e = 0; e < values.cols(); ++e) {
       for (Eigen::Index r = 0; r < values.rows(); ++r) {
         if (!is_allowed(values(r, e), column.range))
-          return says(name, " of element ", std::to_string(e), " ", problem_of(column.range));
+          return says(name, " of element ", std::to_string(e), " ", problem_of(column.range), ": ",
+                      number_text(values(r, e)));
       }
     }
   }

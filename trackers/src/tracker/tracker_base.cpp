@@ -17,7 +17,9 @@ void check_start(const Frame& frame, const cv::Rect2d& box) {
         "the start box is %g x %g px, but must be at least one pixel wide and high", box.width, box.height));
   if (!(box.x < frame.size().width && box.y < frame.size().height && box.x + box.width > 0 &&
         box.y + box.height > 0))
-    throw std::invalid_argument("the start box lies outside the image");
+    throw std::invalid_argument(
+        cv::format("the start box, %g x %g px at (%g, %g), lies outside the image of %d x %d px", box.width,
+                   box.height, box.x, box.y, frame.size().width, frame.size().height));
 }
 
 namespace detail {
