@@ -324,13 +324,13 @@ class LocatePathTest(unittest.TestCase):
             ({"times": [0, 1, 2, 3, 3.1, 3.2]}, "pose: expected the time of each range, 0.0 to 3.2 as the times are, found 3.5 at [3]"),
             ({"cutoff": 0}, "cutoff: expected a number > 0, found 0.0"),
             ({"turn_sigma": -1}, "turn_sigma"),
-            ({"step_sigma": 0}, "step_sigma"),
-            ({"scale_sigma": -1}, "scale_sigma"),
+            ({"step_sigma": 0}, "step_sigma: expected a finite number > 0, found 0.0"),
+            ({"scale_sigma": -1}, "scale_sigma: expected a finite number >= 0, found -1.0"),
             ({"scale_sigma": NAN}, "scale_sigma"),
             ({"shortest": NAN}, "shortest"),
             ({"start": [0, 0, NAN]}, "start"),
             ({"start_sigma": [1, 1]}, "start_sigma needs a start"),
-            ({"max_iterations": 0}, "max_iterations"),
+            ({"max_iterations": 0}, "max_iterations: expected >= 1, found 0"),
         ):
             with self.subTest(says):
                 with self.assertRaises(ValueError) as raised:

@@ -156,8 +156,8 @@ class LocateTest(unittest.TestCase):
             (([[0, 0, 0], [1, 1, 1], [2, 2, 2], [5, 5, 5]], ones, 1), {}, ValueError, "on one line"),
             ((SQUARE, ones, 0.1), {"cutoff": 0.01}, ValueError, "no position agrees with 2 ranges"),
             ((SQUARE, ones, 1), {"cutoff": 0}, ValueError, "cutoff: expected a number > 0, found 0.0"),
-            ((SQUARE, ones, 1), {"within": -1}, ValueError, "within"),
-            ((SQUARE, ones, 1), {"max_cells": 0}, ValueError, "max_cells"),
+            ((SQUARE, ones, 1), {"within": -1}, ValueError, "within: expected a finite number >= 0, found -1.0"),
+            ((SQUARE, ones, 1), {"max_cells": 0}, ValueError, "max_cells: expected >= 1, found 0"),
             ((SQUARE, ones, 1), {"threads": -1}, ValueError, "threads: expected 0 or more"),
         ):
             with self.subTest(says):

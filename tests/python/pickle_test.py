@@ -215,6 +215,13 @@ class PickleTest(unittest.TestCase):
                 process.join()
                 self.assertEqual(process.exitcode, 0)
 
+    def test_every_class_has_a_repr_of_its_own(self):
+        for module in (asterism, asterism.pose, asterism.bench):
+            for each in vars(module).values():
+                if isinstance(each, type) and each.__module__.startswith("asterism"):
+                    with self.subTest(each.__name__):
+                        self.assertTrue(any("__repr__" in vars(base) for base in each.__mro__ if base.__module__ not in ("builtins", "pybind11_builtins")))
+
     def test_an_object_without_values_says_so(self):
         classes = [each for each in vars(asterism).values() if isinstance(each, type) and each.__module__ == "asterism" and "Status" not in each.__name__]
         self.assertGreater(len(classes), 6)

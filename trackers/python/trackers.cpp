@@ -420,7 +420,12 @@ void bind_trackers(py::module_& m) {
         for (auto* point : {&p.position, &p.size, &p.visual_best}) field(*point);
         field(p.weight);
         field(p.updated);
-      }));
+      }))
+      .def("__repr__", [](const PartState& p) {
+        return std::string(cv::format("<asterism.PartState: position (%.2f, %.2f), weight %.3f%s>",
+                                      p.position.x(), p.position.y(), p.weight,
+                                      p.updated ? ", updated" : ""));
+      });
 
   py::class_<TrackResult> track_result(m, "TrackResult", "A tracker's answer for one frame.");
   def_copy(track_result);

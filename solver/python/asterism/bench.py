@@ -39,6 +39,9 @@ class Problem:
         #: how often energy, gradient or Hessian were asked for
         self.evaluations = 0
 
+    def __repr__(self) -> str:
+        return f"<asterism.bench.Problem: {self.system.topology.nodes} nodes, {self.evaluations} evaluations>"
+
     def energy(self, x: npt.ArrayLike) -> float:
         """E(x) for x (N, dim)."""
         self.evaluations += 1

@@ -38,6 +38,10 @@ class Stream:
     suddenly is tried, too, and taken if it explains clearly more. Time and memory of a frame do not grow.
     """
 
+    def __repr__(self) -> str:
+        views, joints = self._shape
+        return f"<asterism.pose.Stream: {inputs.counted(views, 'view')}, {inputs.counted(joints, 'joint')}>"
+
     def __init__(self, recorded: FusedPose, cameras: Iterable[Camera] | None = None, window: int = 12):
         """recorded: what fuse found with these cameras, which are None for points in the image. window: frames, 6 or more. ValueError if they do not
         belong together.

@@ -105,9 +105,11 @@ def locate(
     if deviations.shape not in ((), (count,), given.shape):
         raise ValueError(f"sigma: expected a number or shape {(count,)} for ranges of shape {given.shape}, found {deviations.shape}")
     of_each = np.ascontiguousarray(np.broadcast_to(deviations, (count,))) if deviations.ndim < 2 else deviations
-    limit = _limit(cutoff)
+    limit, depth, most = _limit(cutoff), inputs.number(within, "within"), inputs.count(max_cells, "max_cells")
+    if depth < 0:
+        raise ValueError(f"within: expected a finite number >= 0, found {depth}")
     try:
-        texts, proven, listed, counts, *values = _asterism._locate(places, all_ranges, of_each, within, limit, max_cells, threads)
+        texts, proven, listed, counts, *values = _asterism._locate(places, all_ranges, of_each, depth, limit, most, threads)
     except ValueError:
         _check_measured(given, deviations)
         raise
@@ -277,8 +279,12 @@ def locate_path(
     spread = inputs.numbers([np.inf] * 2 if start_sigma is None else start_sigma, "start_sigma", (2,))
     turn, least = (0.0 if value is None else inputs.positive(value, name) for name, value in (("turn_sigma", turn_sigma), ("shortest", shortest)))
     limit = _limit(cutoff)
+    step_sigma = inputs.positive(step_sigma, "step_sigma")
+    if (scale := inputs.number(scale_sigma, "scale_sigma")) < 0:
+        raise ValueError(f"scale_sigma: expected a finite number >= 0, found {scale}")
+    max_iterations = inputs.count(max_iterations, "max_iterations")
     found = _asterism._locate_path(
-        odometry, places, at, index, lengths, deviations, limit, turn, step_sigma, scale_sigma, least, list(first_pose),
+        odometry, places, at, index, lengths, deviations, limit, turn, step_sigma, scale, least, list(first_pose),
         list(spread), lower_bound, max_iterations,
     )
     residuals = found["residuals"]
