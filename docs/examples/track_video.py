@@ -78,7 +78,7 @@ def main() -> None:
     if not results:
         raise SystemExit(f"{arguments.video}: fewer than two images")
     milliseconds = np.mean([result.milliseconds for result in results])
-    print(f"{arguments.tracker}: {len(results)} frames, {milliseconds:.2f} ms each, last box {results[-1].box}")
+    print(f"{arguments.tracker}: {len(results)} frames, {milliseconds:.2f} ms each, last box {np.round(results[-1].box, 1)}")
 
     figure = plt.figure(figsize=(11, 5.5), layout="constrained")
     rows = figure.subfigures(2, 1, height_ratios=[2, 1])

@@ -316,6 +316,9 @@ class LayoutTest(unittest.TestCase):
             self.assertEqual(found.nodes, list("abc"))
             np.testing.assert_allclose(found.x, expected.x, atol=1e-9)
         self.assertEqual(list(asterism.mds(matrix).pos), list("abc"))
+        without_header = Table([[0, 1, 2.0], [1, 2, 1.0], [2, 0, 1.0]], range(3), range(3))
+        np.testing.assert_allclose(asterism.layout(without_header).x, expected.x, atol=1e-9)
+        np.testing.assert_allclose(asterism.layout(Table(matrix.values, range(3), range(3))).x, expected.x, atol=1e-9)
         with self.assertRaisesRegex(ValueError, r"expected shape \(N, N\), found \(3, 2\)"):
             asterism.mds(Table([[0, 1], [1, 0], [2, 2]], range(3), "ab"))
 

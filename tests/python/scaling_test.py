@@ -304,9 +304,10 @@ class MdsTest(unittest.TestCase):
     def test_distances_given_as_points_are_told(self):
         distances = symmetric(np.random.default_rng(3).uniform(1, 2, (6, 6)))
         np.fill_diagonal(distances, 0)
-        with self.assertWarnsRegex(UserWarning, "if these are distances, use dissimilarity='precomputed'") as caught:
-            asterism.MDS().fit(distances)
-        self.assertEqual(caught.filename, __file__)
+        for fit in (lambda x: asterism.MDS().fit(x), lambda x: asterism.MDS().fit_transform(x)):
+            with self.assertWarnsRegex(UserWarning, "if these are distances, use dissimilarity='precomputed'") as caught:
+                fit(distances)
+            self.assertEqual(caught.filename, __file__)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             asterism.MDS().fit(distances[:5])

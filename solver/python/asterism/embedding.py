@@ -398,6 +398,9 @@ def _names_of(table: Any) -> list[Any] | None:
         return None
     names = list(table.columns)
     is_same = len(table.index) == len(names) and all(row == column for row, column in zip(table.index, names))
+    if is_same and names == list(range(len(names))):  # of no names, such as edges that were read without a header
+        values = np.asarray(table)
+        is_same = not np.diagonal(values).any() and bool((values == values.T).all())
     return names if is_same and len(set(names)) == len(names) else None
 
 

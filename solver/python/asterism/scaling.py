@@ -318,9 +318,10 @@ class MDS:
             self._fitted_features = features = _features(X)
             n = len(features)
             if n > 2 and features.shape[1] == n and not np.diagonal(features).any() and (features >= 0).all() and np.array_equal(features, features.T):
+                is_nested = sys._getframe(2).f_code is MDS.fit_transform.__code__  # the warning is of the line that called it
                 warnings.warn(
                     "X: a symmetric matrix with 0 on its diagonal, whose rows are taken as points; if these are distances, use dissimilarity='precomputed'",
-                    stacklevel=3,
+                    stacklevel=3 + is_nested,
                 )
             i, j = np.triu_indices(n, 1)
             pairs, lengths = np.column_stack([i, j]), _asterism._distances(features, features, self._threads())[i, j]
