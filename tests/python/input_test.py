@@ -169,7 +169,7 @@ ENTRIES = {
     "System.add_bendings, lengths": (column("length", lambda s, v: s.add_bendings(TRIPLES, v)), whole(2)),
     "System.add_differences, target": (column("target", lambda s, v: s.add_differences(TRIPLES, target=v)), whole(2, 2)),
     "System.add_differences, coefficients": (column("b", lambda s, v: s.add_differences(TRIPLES, coefficients=(1, v, 1))), whole(2, 2, 2)),
-    "System.add_angles, angles": (column("rest", lambda s, v: s.add_angles(TRIPLES, v)), whole(2)),
+    "System.add_angles, angles": (column("rest", lambda s, v: s.add_angles(TRIPLES, v)), whole(2) % 4),
     "System.add_areas, areas": (column("rest", lambda s, v: s.add_areas(TRIPLES, v)), whole(2)),
     "System.add_common_length, lengths": (column("length", lambda s, v: s.add_common_length(PAIRS, lengths=v)), whole(3)),
     "System.add_loads, forces": (column("force", lambda s, v: s.add_loads(v)), whole(6, 2)),
