@@ -145,6 +145,20 @@ auto evaluated(AnySystem& self, const py::object& x, F&& f) {
   });
 }
 
+/// A UserWarning where x is far from every stationary point, as the start of a solve is: Laplace's
+/// approximation is one about a minimum.
+template <int Dim>
+void warn_unless_solved(const System<Dim>& system, const typename System<Dim>::Points& x) {
+  constexpr double kFar = 0.05;  // starts have some tenths, solutions less than their tolerance
+  if (detail::validate_values(system, x)) return;  // which is refused
+  const double found = stationarity(system, x);
+  if (!(found > kFar)) return;
+  const std::string text = "x: expected the solution of the system, found a stationarity of " +
+                           py::repr(py::float_(found)).cast<std::string>() +
+                           ": a covariance holds at a minimum only, so solve first";
+  if (PyErr_WarnEx(PyExc_UserWarning, text.c_str(), 1) != 0) throw py::error_already_set();
+}
+
 /// Whether a factorisation for this system may take tenths of a second or more.
 template <int Dim>
 bool is_large(const System<Dim>& system) {
@@ -473,8 +487,9 @@ void bind_systems(py::module_& m) {
       "covariance",
       [](AnySystem& system, const py::object& x) {
         return system.visit([&]<int Dim>(System<Dim>& s) {
-          auto result = interruptible_copy(
-              is_large(s), [s = s, points = points_of<Dim>(s, x)] { return covariance(s, points); });
+          const auto points = points_of<Dim>(s, x);
+          warn_unless_solved<Dim>(s, points);
+          auto result = interruptible_copy(is_large(s), [s = s, points] { return covariance(s, points); });
           if (!result) refuse_covariance(result.status, result.message);
           return owned(std::move(result.matrix), {Dim * s.nodes(), Dim * s.nodes()});
         });
@@ -482,13 +497,16 @@ void bind_systems(py::module_& m) {
       py::arg("system"), py::arg("x"),
       "The covariance of the solution x by Laplace's approximation, (dim N, dim N) [px^2 for stiffness in\n"
       "1/px^2]. numpy.linalg.LinAlgError if x is not a strict local minimum; it names a free rotation or\n"
-      "translation. ValueError for values that a solver would refuse, MemoryError if memory runs out.");
+      "translation. ValueError for values that a solver would refuse, MemoryError if memory runs out. A\n"
+      "UserWarning if x is far from a solution (a stationarity above 0.05).");
   m.def(
       "node_covariances",
       [](AnySystem& system, const py::object& x) {
         return system.visit([&]<int Dim>(System<Dim>& s) {
-          auto result = interruptible_copy(
-              is_large(s), [s = s, points = points_of<Dim>(s, x)] { return node_covariances(s, points); });
+          const auto points = points_of<Dim>(s, x);
+          warn_unless_solved<Dim>(s, points);
+          auto result =
+              interruptible_copy(is_large(s), [s = s, points] { return node_covariances(s, points); });
           if (!result) refuse_covariance(result.status, result.message);
           return owned(std::move(result.blocks), {s.nodes(), Dim, Dim});
         });

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Spring systems and solvers from Python, against NumPy and SciPy."""
 
+import contextlib
 import copy
 import json
 import pathlib
@@ -14,6 +15,7 @@ import tempfile
 import threading
 import time
 import unittest
+import warnings
 
 import asterism
 import numpy as np
@@ -503,6 +505,19 @@ class SolveTest(unittest.TestCase):
         self.assertFalse(summary.usable)
         np.testing.assert_array_equal(x, start)
         self.assertEqual(asterism.solve(*random_system(), tolerance=-1.0, check=False).status, asterism.Status.INVALID_INPUT)
+
+    def test_covariances_of_a_start_are_warned_of(self):
+        system, x = random_system()
+        asterism.solve(system, x)
+        start = x + 0.5 * np.ptp(x) * np.random.default_rng(1).normal(size=x.shape)
+        for function in (asterism.covariance, asterism.node_covariances):
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                function(system, x)
+            with self.assertWarnsRegex(UserWarning, r"x: expected the solution of the system, found a stationarity of [0-9.]+: .*, so solve first") as caught:
+                with contextlib.suppress(np.linalg.LinAlgError):
+                    function(system, start)
+            self.assertEqual(caught.filename, __file__)
 
     def test_a_refused_value_is_shown(self):
         for change, message in [
