@@ -78,7 +78,7 @@ class InterruptTest(unittest.TestCase):
     def test_every_long_call_hears_ctrl_c(self):
         for name, (setup, call) in CALLS.items():
             with self.subTest(name):
-                command = [sys.executable, "-c", PROGRAM.format(setup=setup, call=call)]
+                command = [sys.executable, "-W", "ignore", "-c", PROGRAM.format(setup=setup, call=call)]
                 with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
                     try:
                         self.assertEqual(process.stdout.readline(), "ready\n")
