@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """asterism.pose.fuse beside simple methods on random recordings of a known truth, of every size and kind.
 
-random_cases.py [--seeds A B] [--stream | --few]: one line a case in which fuse is clearly worse than the best of the simple methods, raises, gives NaN, or
+random_cases.py [--seeds A B] [--stream | --few | --runs]: one line a case in which fuse is clearly worse than the best of the simple methods, raises, gives NaN, or
 takes long; then a table of the kinds of motion: errors beside those of the best simple method, and how often the 95 % regions contain the truth.
 --stream: instead, the newest points of a Stream, whose scales are those of fuse of the same recording, beside those of this fuse. --few: instead, one to nine frames of three to six cameras with wrong detections, beside RANSAC: how many points that at
-least three cameras see are off by more than ten times the noise.
+least three cameras see are off by more than ten times the noise. --runs: the same for 50 to 300 frames of two cameras, where wrong detections come in runs;
+RANSAC is followed by a median of 7 frames.
 """
 
 import argparse
@@ -66,10 +67,30 @@ def rotation(rng):
     return v / np.linalg.norm(v) * rng.uniform(0, np.pi)
 
 
+RUNS = ["no runs", "of a joint", "of a joint, in one place", "of a view", "of all"]
+
+
+def runs(rng, kind, shape, share):
+    """(V, T, J): where detections are wrong, in runs of 8 frames on average of one joint in a view, of all joints in a view, or of all."""
+    found = np.zeros(shape, bool)
+    views, frames, joints = shape
+    for v, j in [(v, j) for v in range(views) for j in range(joints)]:
+        if v and kind == "of all" or j and kind in ("of all", "of a view"):
+            found[v, :, j] = found[0 if kind == "of all" else v, :, 0]
+            continue
+        t = -int(rng.integers(8))
+        while t < frames:
+            t += int(rng.exponential(8 / share - 8)) + 1
+            end = t + int(rng.exponential(8)) + 1
+            found[v, max(t, 0) : max(end, 0), j] = True
+            t = end
+    return found
+
+
 class Case:
     """Detections, how they came about and the truth; all of one seed."""
 
-    def __init__(self, seed, few=False):
+    def __init__(self, seed, few=False, in_runs=False):
         rng = np.random.default_rng((7, seed))
         self.kind = list(MOTIONS)[int(rng.integers(len(MOTIONS)))]
         self.dim = int(rng.integers(2, 4))
@@ -88,6 +109,10 @@ class Case:
             self.dim, self.views, self.frames, self.stretches = 3, int(rng.integers(3, 7)), int(rng.integers(1, 10)), False
             self.wrong, self.missing = float(rng.choice([0.05, 0.15, 0.3])), float(rng.choice([0, 0.1]))
             self.unit = float(10.0 ** rng.choice([-3, 0, 3]))
+        if in_runs:
+            self.dim, self.views, self.frames, self.stretches, self.uneven = 3, 2, int(rng.choice([50, 120, 300])), False, False
+            self.wrong, self.missing = float(rng.choice([0.05, 0.2, 0.4])), float(rng.choice([0, 0.1, 0.3]))
+            self.runs = str(rng.choice(RUNS))
         times = np.cumsum(rng.uniform(0.05, 2, self.frames)) if self.uneven else np.arange(self.frames) * 1.0
         self.times = times * float(10.0 ** rng.choice([-2, 0, 3])) if self.uneven else None
         path = MOTIONS[self.kind](rng, self.frames, self.joints, self.dim)
@@ -96,7 +121,7 @@ class Case:
             path = np.stack([np.interp(times, even, c) for c in path.reshape(self.frames, -1).T], 1).reshape(path.shape)
         path = path + rng.normal(0, 0.5, (1, self.joints, self.dim))
         if self.dim == 3:
-            ring = np.linspace(0, rng.uniform(0.5, 2 * np.pi * (1 - 1 / self.views)), self.views)
+            ring = np.linspace(0, rng.uniform(0.5, 2.2 if in_runs else 2 * np.pi * (1 - 1 / self.views)), self.views)
             self.cameras = []
             for v in range(self.views):
                 f = self.image * rng.uniform(0.7, 1.5)
@@ -115,7 +140,13 @@ class Case:
         if self.rounded:
             seen = np.round(seen / self.noise) * self.noise
         is_wrong = rng.random(seen.shape[:3]) < self.wrong
+        if in_runs and self.runs != "no runs":
+            is_wrong = runs(rng, self.runs, is_wrong.shape, self.wrong)
         seen[is_wrong] = rng.uniform(0, self.image, (is_wrong.sum(), 2))
+        if in_runs and self.runs == "of a joint, in one place":
+            begin = np.maximum.accumulate(np.where(is_wrong, -1, np.arange(self.frames)[:, None]), 1) + 1
+            place = np.take_along_axis(seen, np.minimum(begin, self.frames - 1)[..., None], 1)
+            seen = np.where(is_wrong[..., None], place + rng.normal(0, self.noise, seen.shape), seen)
         seen[rng.random(seen.shape[:3]) < self.missing] = np.nan
         if self.stretches:
             for v in range(self.views):
@@ -200,23 +231,24 @@ def stream(seeds):
         print(f"{key:16} {len(row):4} cases: median error {errors[0]:.2f} of fuse's, 90 % error {errors[1]:.2f}; regions contain {row[:, 2].mean():.3f}, of the worst tenth {np.quantile(row[:, 2], 0.1):.3f}")
 
 
-def few(seeds):
+def few(seeds, in_runs=False):
     rows = {}
     for seed in seeds:
-        case = Case(seed, few=True)
+        case = Case(seed, few=not in_runs, in_runs=in_runs)
         if (case.number.sum(0) == 0).any():
             continue
         fused = pose.fuse(case.detections, case.confidence, case.cameras, times=case.times)
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore", RuntimeWarning)
-            robust = peers.interpolated(peers.ransac(case.detections, case.cameras, threshold=5 * case.noise)[0])
-        is_judged = case.number >= 3
+            robust = peers.ransac(case.detections, case.cameras, threshold=5 * case.noise)[0]
+        robust = peers.median_filtered(robust) if in_runs else peers.interpolated(robust)
+        is_judged = case.number >= (2 if in_runs else 3)
         off = [np.linalg.norm(path - case.truth, axis=-1)[is_judged] > 10 * case.ideal for path in (fused.points, robust)]
-        for key in (f"{case.frames} frames", f"{case.views} views", f"{case.wrong:g} wrong", "all"):
+        for key in ((case.runs, case.kind, f"{case.wrong:g} wrong", "all") if in_runs else (f"{case.frames} frames", f"{case.views} views", f"{case.wrong:g} wrong", "all")):
             rows.setdefault(key, []).append(np.array([off[0].sum(), off[1].sum(), is_judged.sum()]))
     for key, row in sorted(rows.items()):
         fused, robust, count = np.sum(row, 0)
-        print(f"{key:10} {len(row):4} cases, {count:6} points: off {fused / count:.1%}, RANSAC {robust / count:.1%}")
+        print(f"{key:24} {len(row):4} cases, {count:6} points: off {fused / count:.1%}, RANSAC {robust / count:.1%}")
 
 
 def main():
@@ -224,9 +256,10 @@ def main():
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 200))
     parser.add_argument("--stream", action="store_true")
     parser.add_argument("--few", action="store_true")
+    parser.add_argument("--runs", action="store_true")
     options = parser.parse_args()
-    if options.few:
-        return few(range(*options.seeds))
+    if options.few or options.runs:
+        return few(range(*options.seeds), options.runs)
     if options.stream:
         return stream(range(*options.seeds))
     groups, flags = {}, 0

@@ -88,6 +88,13 @@ struct Part {
   Index at(Index view, Index frame, Index k) const {
     return of.at(view, begin + frame, joints[static_cast<std::size_t>(k)]);
   }
+  /// How many detections there are.
+  double seen() const {
+    double sum = 0;
+    for (Index i = 0; i < of.views * frames * count(); ++i)
+      sum += of.is_seen[at(i / (frames * count()), i / count() % frames, i % count())];
+    return sum;
+  }
   /// The square of the pixels for a unit of the image, in the geometric mean of its axes.
   double magnified(Index i) const {
     const double* s = of.sights + i * 6 + 2;
@@ -293,7 +300,7 @@ int take_explained(Numbers matrix, Numbers& errors) {
   return rank;
 }
 
-/// Factors of the first guess; or the points on which pairs of views agree, instead of a wide distribution.
+/// Factors of the first guess; and whether only detections on which pairs of views agree count at first.
 struct Start {
   double noise = 1, motion = 1;
   bool is_by_pairs = false;
@@ -310,6 +317,7 @@ class Estimator {
         groups_(part.of.dim, part.frames, part.of.views, part.count(), part.of.cameras, part.of.area),
         middle_(part.middle()),
         scales_(part.first_guess(middle_)),
+        guess_(median(scales_.noise)),
         coefficients_(change_coefficients(part.of.times + part.begin, part.frames)) {
     for (double& noise : scales_.noise) noise *= start.noise;
     for (double& motion : scales_.motion) motion *= start.motion;
@@ -332,7 +340,7 @@ class Estimator {
     const Index views = part_.of.views;
     double width = std::sqrt(*std::max_element(part_.of.area, part_.of.area + views)) / 4;
     start(width);
-    if (is_by_pairs_) width = 2 * start_by_pairs();
+    if (is_by_pairs_) start_by_pairs(width);
     const double typical = median(middle_.magnification), target = median(scales_.noise);
     const double smallest = 1e-5 * scales_.extent * typical;
     set_prior(true);
@@ -359,6 +367,17 @@ class Estimator {
     return arrays();
   }
   double typical_noise() const { return median(scales_.noise); }
+  /// The start by pairs of views, with the noise of about 300 points of the part.
+  Start by_pairs() const {
+    const Index step = std::max<Index>(part_.frames * part_.count() / 300, 1);
+    const Meetings meetings(part_.of, (part_.frames + step - 1) / step, part_.count(),
+                            [&](Index v, Index t, Index k) { return part_.at(v, t * step, k); });
+    return {meetings.noise(guess_) / guess_, 1, true};
+  }
+  /// Whether few detections are outliers and the noise is about that of this start.
+  bool is_plausible(const Start& by_pairs) {
+    return right() > 0.9 * part_.seen() && typical_noise() < 2 * by_pairs.noise * guess_;
+  }
   /// How many detections are no outliers.
   double right() {
     double sum = 0;
@@ -427,7 +446,10 @@ class Estimator {
       };
       for_each_detection([&](Index i, Index) { greatest = std::max(greatest, of.belief[i]); });
       const double scale = (1 - kOutliers) / (is_wide && greatest > 0 ? greatest : 1);
-      for_each_detection([&](Index i, Index to) { groups_.at(g.prior, to, lane) = scale * of.belief[i]; });
+      for_each_detection([&](Index i, Index to) {
+        const bool disagrees = is_wide && !disagrees_.empty() && disagrees_[of_part(to, k)];
+        groups_.at(g.prior, to, lane) = disagrees ? 0 : scale * of.belief[i];
+      });
     });
   }
 
@@ -444,23 +466,32 @@ class Estimator {
     for (int turn = 0; turn < (part_.of.dim == 3 ? 3 : 1); ++turn) groups_.solve(true);
   }
 
-  /// Goes to the most probable points on which pairs of views agree. Sets and returns the noise.
-  double start_by_pairs() {
+  /// Until distributions are narrow, detections that are far from the most probable point on which two views
+  /// agree are outliers. Without motion, each point begins there.
+  void start_by_pairs(double& width) {
     const Meetings meetings(part_.of, part_.frames, part_.count(),
                             [&](Index v, Index t, Index k) { return part_.at(v, t, k); });
-    const double noise = meetings.noise(median(scales_.noise)), variance = noise * noise;
-    std::fill(scales_.noise.begin(), scales_.noise.end(), noise);
+    const double noise = median(scales_.noise), variance = noise * noise;
+    disagrees_.assign(static_cast<std::size_t>(part_.of.views * part_.frames * part_.count()), false);
     meetings.for_each_best(noise, [&](const Meeting& best) {
       JointGroup& g = groups_.all[static_cast<std::size_t>(best.joint / groups_.kernel.lanes)];
       const Index lane = best.joint % groups_.kernel.lanes;
-      for (Index c = 0; c < 3; ++c) groups_.at(g.points, best.frame * 3 + c, lane) = best.point[c];
       for (Index v = 0; v < part_.of.views; ++v) {
+        const Index i = best.frame * part_.of.views + v;
         const bool agrees = best.squares[static_cast<std::size_t>(v)] < 9 * variance;
-        groups_.at(g.weight, best.frame * part_.of.views + v, lane) = agrees ? 1 / variance : 0;
+        disagrees_[of_part(i, best.joint)] = !agrees;
+        if (part_.frames < 3) groups_.at(g.weight, i, lane) = agrees ? 1 / variance : 0;
       }
+      for (Index c = 0; c < 3 && part_.frames < 3; ++c)
+        groups_.at(g.points, best.frame * 3 + c, lane) = best.point[c];
     });
+    if (part_.frames > 2) return;
     groups_.solve(false);
-    return noise;
+    width = 2 * noise;
+  }
+  /// Of a detection, number i of its joint.
+  std::size_t of_part(Index i, Index joint) const {
+    return static_cast<std::size_t>(i * part_.count() + joint);
   }
 
   void set_variance(double width) {
@@ -603,8 +634,10 @@ class Estimator {
   Groups groups_;
   Middle middle_;
   Scales scales_;
+  double guess_;  ///< of the noise
   Numbers coefficients_;
   std::vector<Sums> sums_;
+  std::vector<char> disagrees_;  ///< (frames, views, joints): with the other views, at first; or nothing
 };
 
 /// Where many detections are wrong, the first guess is too large, and the steps end at a large noise that
@@ -614,8 +647,6 @@ class Estimator {
 inline Start best_start(const Part& part, double settled) {
   constexpr Index kStretch = 60;
   constexpr int kSteps = 8;
-  // Without motion, each point is on its own.
-  if (part.frames < 3 && part.of.dim == 3 && part.of.views > 2) return {1, 1, true};
   const Index begin = part.begin + std::max<Index>(part.frames - kStretch, 0) / 2;
   const Part stretch(part.of, begin, std::min(part.begin + part.frames, begin + kStretch));
   if (stretch.joints.empty()) return {};
@@ -641,10 +672,43 @@ inline Start best_start(const Part& part, double settled) {
   return best;
 }
 
-inline Estimate estimated(const Part& part, const Start& start, double settled, int steps) {
-  Estimator estimator(part, start);
+/// The best start by its evidence on a stretch, if it leads anywhere on the whole part.
+inline Estimator estimator_of(const Part& part, double settled, int steps) {
+  const Start start = best_start(part, settled);
+  if (start.noise < 1) {
+    try {
+      Estimator estimator(part, start);
+      estimator.run(settled, steps);
+      return estimator;
+    } catch (const std::invalid_argument&) {  // it was good on the stretch alone
+    }
+  }
+  Estimator estimator(part, {});
   estimator.run(settled, steps);
-  return estimator.result();
+  return estimator;
+}
+
+/// Wrong detections that last over frames lead a path astray from any wide distribution, but rays of two
+/// views seldom meet there. Where a tenth of the detections are outliers, or the noise is twice as large as
+/// it is between pairs of views, such a start is tried on the whole part, too, and the evidence decides.
+inline Estimate estimated(const Part& part, double settled, int steps) {
+  const bool has_pairs = part.of.dim == 3 && part.of.views > 1;
+  if (has_pairs && part.frames < 3 && part.of.views > 2) {  // without motion, each point is on its own
+    Estimator estimator(part, Estimator(part, {}).by_pairs());
+    estimator.run(settled, steps);
+    return estimator.result();
+  }
+  Estimator first = estimator_of(part, settled, steps);
+  if (!has_pairs) return first.result();
+  const Start start = first.by_pairs();
+  if (first.is_plausible(start)) return first.result();
+  try {
+    Estimator second(part, start);
+    second.run(settled, steps);
+    if (second.log_evidence() > first.log_evidence()) return second.result();
+  } catch (const std::invalid_argument&) {  // it leads nowhere
+  }
+  return first.result();
 }
 
 /// Of the frames begin .. end - 1; nothing if no joint is seen in them.
@@ -652,14 +716,7 @@ inline std::optional<Estimate> estimated(const Recording& recording, Index begin
                                          int steps) {
   const Part part(recording, begin, end);
   if (part.joints.empty()) return std::nullopt;
-  const Start start = best_start(part, settled);
-  if (start.noise < 1 || start.is_by_pairs) {
-    try {
-      return estimated(part, start, settled, steps);
-    } catch (const std::invalid_argument&) {  // it was good on the stretch alone
-    }
-  }
-  return estimated(part, {}, settled, steps);
+  return estimated(part, settled, steps);
 }
 
 }  // namespace asterism::python::pose

@@ -1,6 +1,6 @@
 #pragma once
 
-// Points where the rays of two views meet, for asterism.pose: where few frames leave each point on its own.
+// Points where the rays of two views meet, for asterism.pose: which detections agree, whatever the motion.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -10,6 +10,9 @@
 #include "pose_groups.hpp"
 
 namespace asterism::python::pose {
+
+/// How probable an outlier is while nothing is known of the noise.
+constexpr double kDisagreeing = 0.1;
 
 /// A point that two views agree on, for a joint in a frame.
 struct Meeting {
@@ -97,14 +100,19 @@ class Meetings {
     }
   }
 
-  /// The noise [px] with which all points together are most probable, of guess / 16 to 16 guess. Beforehand,
-  /// its logarithm has a normal distribution about that of the guess: otherwise a noise as large as the
-  /// errors of outliers explains a single point best.
+  /// The noise [px] with which all points together are most probable, of guess / 1024 to 16 guess, as
+  /// outliers make the guess too large. Beforehand, its logarithm has a normal distribution about that of the
+  /// guess: otherwise a noise as large as the errors of outliers explains a single point best. A noise of an
+  /// eighth of the image would explain anything.
   double noise(double guess) const {
     double best = guess, greatest = -std::numeric_limits<double>::infinity();
-    for (double noise = guess / 16; !all_.empty() && noise < 17 * guess; noise *= 2) {
+    const double most = std::sqrt(*std::max_element(of_.area, of_.area + of_.views)) / 8;
+    for (double noise = guess / 1024; !all_.empty() && noise < std::min(17 * guess, most); noise *= 2) {
       double sum = -std::pow(std::log(noise / guess), 2) / 2;
-      for (const auto& of_point : all_) sum += log_probability(best_of(of_point, noise), noise);
+      for (const auto& of_point : all_) {
+        const Meeting& meeting = best_of(of_point, noise);
+        sum += std::max(log_probability(meeting, noise), log_probability_of_outliers(meeting));
+      }
       if (!(sum > greatest)) continue;
       greatest = sum;
       best = noise;
@@ -119,16 +127,29 @@ class Meetings {
   }
 
  private:
-  /// Of the detections, with three degrees of freedom that the point has taken.
+  /// Of the detections, with three degrees of freedom that the point has taken: it is anywhere in the images.
   double log_probability(const Meeting& meeting, double noise) const {
     constexpr double kTwoPi = 6.283185307179586;
     const double variance = noise * noise;
-    double sum = 3 * std::log(noise);
+    double sum = 0, size = 0, seen = 0;
     for (Index v = 0; v < of_.views; ++v) {
       const double square = meeting.squares[static_cast<std::size_t>(v)];
       if (std::isnan(square)) continue;
       const double base = 1 + square / (4 * variance);  // Student's t distribution
-      sum += std::log((1 - kOutliers) / (kTwoPi * variance * base * base * base) + kOutliers / of_.area[v]);
+      sum += std::log((1 - kDisagreeing) / (kTwoPi * variance * base * base * base) +
+                      kDisagreeing / of_.area[v]);
+      size += std::log(of_.area[v]) / 2;
+      ++seen;
+    }
+    return sum + 3 * (std::log(noise) - size / seen);
+  }
+
+  /// Of the detections, if none is right.
+  double log_probability_of_outliers(const Meeting& meeting) const {
+    double sum = 0;
+    for (Index v = 0; v < of_.views; ++v) {
+      if (!std::isnan(meeting.squares[static_cast<std::size_t>(v)]))
+        sum += std::log(kDisagreeing / of_.area[v]);
     }
     return sum;
   }

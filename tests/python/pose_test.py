@@ -275,6 +275,19 @@ class FuseTest(unittest.TestCase):
                     self.assertLess(np.linalg.norm(found.points - truth, axis=-1).max(), 0.1)  # about seven deviations
                     np.testing.assert_array_equal(found.offsets, 0)  # two frames alike are no calibration's error
 
+    def test_wrong_detections_that_stay(self):
+        """Of two cameras, one or the other sees a joint at another place for some frames."""
+        for seed in range(8):
+            truth, seen, _, cameras = recording(seed, 4, 120, 3, outliers=0, missing=0)
+            seen, rng = seen[:2], np.random.default_rng((8, seed))
+            for joint in range(3):
+                for start in range(4, 110, 20):
+                    run = int(rng.integers(2)), slice(start, start + int(rng.integers(10, 16))), joint
+                    seen[run] = rng.uniform((0, 0), (1280, 1024)) + rng.normal(0, 1, seen[run].shape)
+            found = pose.fuse(seen, None, cameras[:2])
+            with self.subTest(seed=seed):
+                self.assertLess(np.linalg.norm(found.points - truth, axis=-1).max(), 1)
+
     def test_few_frames_of_joints_that_turn(self):
         """Three or four frames are no reason to assume that joints move in straight lines."""
         for frames in (3, 4):
