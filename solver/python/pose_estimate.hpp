@@ -376,7 +376,7 @@ class Estimator {
   }
   /// Whether few detections are outliers and the noise is about that of this start.
   bool is_plausible(const Start& by_pairs) {
-    return right() > 0.9 * part_.seen() && typical_noise() < 2 * by_pairs.noise * guess_;
+    return right() > 0.85 * part_.seen() && typical_noise() < 2 * by_pairs.noise * guess_;
   }
   /// How many detections are no outliers.
   double right() {
@@ -689,7 +689,7 @@ inline Estimator estimator_of(const Part& part, double settled, int steps) {
 }
 
 /// Wrong detections that last over frames lead a path astray from any wide distribution, but rays of two
-/// views seldom meet there. Where a tenth of the detections are outliers, or the noise is twice as large as
+/// views seldom meet there. Where 15 % of the detections are outliers, or the noise is twice as large as
 /// it is between pairs of views, such a start is tried on the whole part, too, and the evidence decides.
 inline Estimate estimated(const Part& part, double settled, int steps) {
   const bool has_pairs = part.of.dim == 3 && part.of.views > 1;
