@@ -262,7 +262,7 @@ class Evaluation(unittest.TestCase):
             image.write_bytes(whole[image])
         done = run("run", data, "--trackers", "kcf", "--out", out)
         self.assertIn("2 runs made, 2 stored before", done.stderr)
-        self.assertEqual(run("report", out).stderr, "")
+        self.assertEqual(run("report", out).stderr, f"{out}/report/report.html has plots and intervals\n")
         scores = json.loads((out / "report/report.json").read_text())["trackers"][0]
         self.assertEqual(set(scores["sequences"]), {"first", "second"})
 
@@ -369,7 +369,7 @@ class Evaluation(unittest.TestCase):
         marker.unlink()
         again = self.evaluate(*arguments, "--rerun", "slow", "--retries", 1, trackers=())
         self.assertEqual(again.returncode, 0, again.stderr)
-        self.assertIn("1 run made, 0 stored before\n", again.stderr)
+        self.assertIn("1 run made, 0 stored before; asterism-eval report", again.stderr)
         self.assertFalse(log.exists())
         self.assertIn("--rerun other", self.evaluate("--rerun", "other").stderr)
 

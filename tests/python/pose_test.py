@@ -778,6 +778,7 @@ class FilesTest(unittest.TestCase):
             ("frame\ta_x\ta_y\n0\t1\t2\n", "cells are separated by commas, not by '.t'"),
             ("hello\n", "expected a header line, frame,NAME_x,NAME_y,.*, found 'hello'"),
             ("a_x,a_y\n1,2\n", "the first column is 'a_x', where the frame is expected"),
+            ("x,y\n1,2\n", "the first column is 'x', where the frame is expected"),
             ("0,1,2\n1,2,3\n", "expected a header line, .*, found '0,1,2'"),
         ]:
             with self.subTest(text), self.assertRaisesRegex(ValueError, "a.csv: .*" + words):

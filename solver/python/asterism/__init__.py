@@ -66,7 +66,7 @@ from .structures import (
 
 
 
-def _no_topology(self, *arguments, **named):
+def _no_topology(self, *arguments, **named):  # pybind11 says only that there is no constructor
     raise TypeError("asterism.Topology: use Topology.full(nodes) for all pairs, or Topology.from_links(nodes, pairs), .star or .k_nearest")
 
 

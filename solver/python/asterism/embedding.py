@@ -167,10 +167,10 @@ def layout(
     The stress is that of mds for all pairs of nodes, with d_ij the length of the shortest path and w_ij = d_ij ** -power.
     Directions of edges are ignored. Components are placed side by side, by the method "sgd" in rows.
 
-    graph: a list of edges, (a, b) or (a, b, length), or a table of pandas with such rows, between nodes of any names that can be keys of a dict; if all are integers, the
-        nodes are 0 .. N - 1, with a warning for those that have no edge; numbers of which few are nodes are given as names (str). Or an adjacency
-        matrix (N, N), of NumPy, scipy.sparse or pandas (with names), whose entries other than 0 are the lengths of edges (a masked one is not an
-        edge). Or a graph of networkx.
+    graph: a list of edges, (a, b) or (a, b, length), or a table of pandas with such rows, between nodes of any names that can be keys of a
+        dict; if all are integers, the nodes are 0 .. N - 1, with a warning for those that have no edge; numbers of which few are nodes are
+        given as names (str). Or an adjacency matrix (N, N), of NumPy, scipy.sparse or pandas (with names), whose entries other than 0 are
+        the lengths of edges (a masked one is not an edge). Or a graph of networkx.
     length: the attribute that is the length of an edge of networkx; edges without it, and all edges for None, have the length 1.
         There is a warning if the edges have a "weight" instead, which may be a length or a strength.
     method: None: "sgd" over 1000 nodes, otherwise "multi-start", which for 101 to 300 nodes also starts from the drawing by "sgd",

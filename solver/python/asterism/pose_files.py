@@ -115,7 +115,7 @@ def _check_plain(titles: list[str], name: str) -> None:
     if len(titles) == 1:
         other = next((mark for mark in ";\t" if mark in titles[0]), None)
         raise ValueError(f"{name}: {expected}, found {titles[0][:60]!r}" + (f"; cells are separated by commas, not by {other!r}" if other else ""))
-    if titles[0].strip().lower().endswith(("_x", "_y")):
+    if titles[0].strip().lower().endswith(("_x", "_y")) or titles[0].strip().lower() in ("x", "y"):
         raise ValueError(f"{name}: {expected}; the first column is {titles[0]!r}, where the frame is expected")
     try:
         float(titles[0])
