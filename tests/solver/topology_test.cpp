@@ -175,6 +175,13 @@ TEST(Topology, KeepsAListUpToItsFirstBadLink) {
   }
 }
 
+TEST(Topology, TakesLinksInBraces) {
+  const auto topology = Topology<>::from_links(3, {{0, 1}, {2, 1}});
+  EXPECT_EQ(topology.link_count(), 2);
+  EXPECT_FALSE(topology.defect());
+  EXPECT_EQ(Topology<>::from_links(3, {}).link_count(), 0);
+}
+
 TEST(Topology, RefusesWhatItsTypeCannotHold) {
   EXPECT_TRUE(Topology<4>::full(5).defect());
   EXPECT_TRUE(Topology<4>::full(3).defect());

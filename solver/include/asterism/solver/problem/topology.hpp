@@ -9,6 +9,7 @@
 #include <asterism/solver/problem/nearest_neighbours.hpp>
 #include <cstddef>
 #include <cstdint>
+#include <initializer_list>
 #include <limits>
 #include <span>
 #include <type_traits>
@@ -111,6 +112,9 @@ class Topology {
     Topology topology(n);
     for (const Link& link : links) topology.add(link);
     return topology;
+  }
+  static Topology from_links(int n, std::initializer_list<Link> links) {
+    return from_links(n, std::span(links.begin(), links.size()));
   }
 
   int nodes() const {
