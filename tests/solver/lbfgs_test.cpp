@@ -66,15 +66,17 @@ void expect_like_dense_updates(Pairs pairs, int size, std::size_t memory) {
 
 TEST(LbfgsPairs, GiveTheDirectionOfDenseUpdates) {
   for (const int size : {1, 2, 3, 5, 8, 11, 12, 13, 16, 17, 32, 41, 80}) {
-    expect_like_dense_updates(detail::LbfgsPairs<double, Eigen::Dynamic, Eigen::Dynamic, 4>(), size, 4);
-    expect_like_dense_updates(detail::LbfgsPairs<double, Eigen::Dynamic, Eigen::Dynamic, 6>(), size, 6);
-    expect_like_dense_updates(detail::LbfgsPairs<double, Eigen::Dynamic, 80, 4>(), size, 4);
+    constexpr int kAny = Eigen::Dynamic;
+    expect_like_dense_updates(detail::LbfgsPairs<double, kAny, kAny, 4, true>(), size, 4);
+    expect_like_dense_updates(detail::LbfgsPairs<double, kAny, kAny, 6, true>(), size, 6);
+    expect_like_dense_updates(detail::LbfgsPairs<double, kAny, kAny, 6, false>(), size, 6);
+    expect_like_dense_updates(detail::LbfgsPairs<double, kAny, 80, 4, true>(), size, 4);
   }
 }
 
 // Whatever was remembered, what is not finite leaves nothing behind.
 TEST(LbfgsPairs, ForgetWhatOverflows) {
-  detail::LbfgsPairs<double, Eigen::Dynamic, Eigen::Dynamic, 4> pairs;
+  detail::LbfgsPairs<double, Eigen::Dynamic, Eigen::Dynamic, 4, true> pairs;
   const Eigen::VectorXd one = Eigen::VectorXd::Ones(20), huge = 1e300 * one;
   pairs.clear(20);
   pairs.add(1, one, -1, 1, Eigen::VectorXd(huge), Eigen::VectorXd(-huge), Eigen::VectorXd(-huge), huge);
