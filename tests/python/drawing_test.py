@@ -80,12 +80,12 @@ class StressTest(unittest.TestCase):
             np.testing.assert_array_equal(again.x, result.x)
 
     def test_is_a_start_of_the_default_for_hundreds_of_nodes(self):
-        # Random starts do not unfold a ladder.
+        # Random starts do not unfold a ladder, and end with 3 % more stress or more. Two solves from one start may end in minima side by side.
         for rungs in (51, 60, 100, 150):
             ladder = grid(2, rungs)
             drawn = asterism.layout(ladder, method="sgd")
             improved = asterism.layout(ladder, start=drawn.x, starts=1).stress
-            self.assertLessEqual(asterism.layout(ladder).stress, improved * (1 + 1e-6))
+            self.assertLessEqual(asterism.layout(ladder).stress, improved * 1.01)
 
     def test_exact_drawings(self):
         """Graphs whose distances are those of points: the stress is nearly 0, and sides are equal."""
