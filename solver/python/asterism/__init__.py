@@ -64,14 +64,6 @@ from .structures import (
     Joint, LoopyResult, PictorialResult, ScaledResult, loopy_structure, m_best_placements, pictorial_structure, scaled_structure,
 )
 
-
-
-def _no_topology(self, *arguments, **named):  # pybind11 says only that there is no constructor
-    raise TypeError("asterism.Topology: use Topology.full(nodes) for all pairs, or Topology.from_links(nodes, pairs), .star or .k_nearest")
-
-
-_asterism.Topology.__init__ = _no_topology
-
 # What help(asterism) lists.
 __all__ = [
     "bench", "evaluation", "pose", "Embedding", "Joint", "LoopyResult", "MDS", "PathEstimate", "PictorialResult", "PositionFix", "PositionMinimum", "ScaledResult", "Sensitivity", "SensitivityStatus", "Survey", "evaluate", "layout", "layout_stress", "locate", "locate_path", "loopy_structure", "m_best_placements", "mds", "pictorial_structure",
@@ -95,3 +87,10 @@ def __getattr__(name):
     from .names import no_attribute
 
     raise AttributeError(no_attribute(name, __all__))
+
+
+def _no_topology(self, *arguments, **named):  # pybind11 says only that there is no constructor
+    raise TypeError("asterism.Topology: use Topology.full(nodes) for all pairs, or Topology.from_links(nodes, pairs), .star or .k_nearest")
+
+
+_asterism.Topology.__init__ = _no_topology
