@@ -68,11 +68,12 @@ class LastCoordinate final : public CurvatureSink {
 
   void add(const int* nodes, int count, const double* matrix, int rows) override {
     const int dim = system_.dim();
-    int row = 0;
-    for (int a = 0; a < count; row += nodes[a] < 0 ? 1 : dim, ++a) {
-      int column = 0;
-      for (int b = 0; b < count; column += nodes[b] < 0 ? 1 : dim, ++b)
+    const auto rows_of = [dim](int node) { return node < 0 ? 1 : dim; };  // an unknown common to all has one
+    for (int a = 0, row = 0; a < count; row += rows_of(nodes[a]), ++a) {
+      for (int b = 0, column = 0; b < count; column += rows_of(nodes[b]), ++b) {
+        if (nodes[a] < 0 || nodes[b] < 0) continue;
         add(nodes[a], nodes[b], matrix[(column + dim - 1) * rows + row + dim - 1]);
+      }
     }
   }
   void add_blocks(const int* nodes, int arity, int count, const double* c, const double* B,
