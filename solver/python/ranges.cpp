@@ -8,7 +8,6 @@
 #include <asterism/solver/ranges/path.hpp>
 #include <cmath>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -132,12 +131,6 @@ void checked(const Message& message) {
   if (!message.empty()) throw py::value_error(std::string(message));
 }
 
-std::string short_text(double value) {
-  std::ostringstream text;
-  text << value;
-  return text.str();
-}
-
 py::array_t<double> positions_of(const std::vector<double>& values) {
   return array_of(values, {static_cast<py::ssize_t>(values.size() / 2), 2});
 }
@@ -235,9 +228,8 @@ void bind_path(py::module_& m) {
       .def_property_readonly("energy", &PathStream::energy, "The window's energy.")
       .def("__repr__", [](const PathStream& stream) {
         const std::array<double, 3> at = stream.pose();
-        return "<asterism.PathStream: " + detail::counted(stream.positions().size() / 2, "position") +
-               " in the window, pose (" + short_text(at[0]) + ", " + short_text(at[1]) + ", " +
-               short_text(at[2]) + ")>";
+        return py::str("<asterism.PathStream: {} in the window, pose ({:g}, {:g}, {:g})>")
+            .format(detail::counted(stream.positions().size() / 2, "position"), at[0], at[1], at[2]);
       });
 }
 

@@ -87,8 +87,10 @@ def _run(options: argparse.Namespace) -> str:
     off = np.linalg.norm(np.array([view.points for view in views]) - found.reprojections, axis=-1)[is_seen & ~found.outliers]
     says = (
         f"{options.output}: {inputs.counted(len(first.points), 'frame')}, {inputs.counted(len(first.joints), 'joint')}, "
-        f"{found.outliers.sum() / max(is_seen.sum(), 1):.1%} of the detections are outliers, the others are {np.median(off):.2g} px off (median)"
+        f"{found.outliers.sum() / max(is_seen.sum(), 1):.1%} of the detections are outliers"
     )
+    if off.size:
+        says += f", the others are {np.median(off):.2g} px off (median)"
     return says if not pairs else f"{says}, {found.swapped.any((0, 2)).mean():.1%} of the frames have a swapped pair"
 
 
